@@ -10,7 +10,7 @@ import pytest
 import didim
 from didim.evidence.loop.law import loop_findings, recovered
 from didim.result.verdict import State
-from verdict_arms import ARMS, Log, built, expected_error, faults, obeyed, planted
+from verdict_arms import ARMS, INDEPENDENT, Log, built, expected_error, faults, obeyed, planted
 from verdict_arms import experiment as experiment_of
 
 QUICK = {
@@ -64,6 +64,14 @@ def test_a_fault_is_named(sound: dict[str, Log], name: str, title: str) -> None:
     after = didim.identify(*edited)
     assert expected_error(after) < expected_error(fit)
     assert not {reason.code for reason in after.verdict.grave} & set(fault.codes)
+
+
+def test_a_delay_is_found_though_nothing_else_is_suspicious() -> None:
+    """The test for missing friction leaves errors of time aside, so the delay is looked for without its alarm."""
+    arm = INDEPENDENT["ur5e-like"]
+    (fault,) = [item for item in faults(arm) if item.name == "torque one sample late"]
+    (reason,) = didim.identify(planted(built(arm, fault, motion=500), fault, 500)).verdict.grave
+    assert reason.code == "delay"
 
 
 LOOPS = [fault.name for fault in faults(ARMS["gantry"]) if fault.method == "didim"]

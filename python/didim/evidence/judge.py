@@ -152,14 +152,16 @@ def _along(
     if rows is not None:
         alarm = None if fit.uncertainty is None else fit.uncertainty.friction
         # A torque that the law makes has no sign, gain or delay of its own.
-        if (
-            explicable
-            and measured is not by_law
-            and (codes & SUSPICIOUS or (alarm is not None and alarm.raised))
-        ):
-            say("the log contradicts its model: looking for the cause")
-            findings = [*explained(rows, measured, fit), *findings]  # the cause before what follows from it
-            fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
+        if explicable and measured is not by_law:
+            if codes & SUSPICIOUS or (alarm is not None and alarm.raised):
+                say("the log contradicts its model: looking for the cause")
+                findings = [
+                    *explained(rows, measured, fit),
+                    *findings,
+                ]  # the cause before what follows from it
+                fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
+            else:
+                findings += _delay(rows, fit)
     by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
     if explicable and by_law_rows is not None and by_law is not None:
         findings = [item for item in findings if item.code != "friction"]
@@ -204,16 +206,21 @@ def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> 
     named = cause_findings(rows, cause)
     if cause is not None and cause.certain:
         return named
-    std = np.zeros(0) if fit is None else fit.std
     chosen = fit is not None and "friction" in fit.settings
-    delay = {} if fit is None else fit.delay
-    obeyed = bool(np.any(delay.get("compensated_samples", 0.0))) or "estimated_samples" in delay
     return [
         *named,
-        *delay_findings(rows, std, obeyed=obeyed),
+        *_delay(rows, fit),
         *friction_findings(rows, fit, chosen=chosen),
         *unchecked(rows),
     ]
+
+
+def _delay(rows: LogRows, fit: Identification | None) -> list[Finding]:
+    """Return a delay that the file does not compensate; the test for missing friction leaves it aside as an error of sampling."""
+    if fit is None:
+        return delay_findings(rows, np.zeros(0), obeyed=False)
+    obeyed = bool(np.any(fit.delay.get("compensated_samples", 0.0))) or "estimated_samples" in fit.delay
+    return delay_findings(rows, fit.std, obeyed=obeyed)
 
 
 def _simulated(
