@@ -134,5 +134,5 @@ def test_didim_and_a_prediction_see_the_same_torques(log: didim.Experiment) -> N
 
 
 def test_another_word_is_refused() -> None:
-    with pytest.raises(didim.errors.SignalError, match="spikes must be 'hampel' or None, got 'median'"):
+    with pytest.raises(didim.errors.SignalError, match="spikes must be 'hampel', got 'median'"):
         didim.SignalProcessing(spikes="median")  # type: ignore[arg-type]

@@ -35,8 +35,9 @@ from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
 from didim.regression.covariance import autocorrelated
 from didim.regression.delay import _shared
-from didim.regression.friction.alarm import FrictionAlarm, _Candidate, _candidates, _flipped, _joint_test
+from didim.regression.friction.alarm import FrictionAlarm, _flipped, _joint_test
 from didim.regression.friction.screen import Folds
+from didim.regression.friction.tested_laws import LawColumns, laws_to_test
 from didim.regression.jackknife import Jackknife, intervals
 from didim.regression.logs.body import _inside
 from didim.regression.logs.load import Load
@@ -212,7 +213,7 @@ def test_scores_are_flipped_4000_times_and_memory_has_a_quarter_of_the_false_ala
     rho, column = np.ones(40), np.ones(40)
     blocks = [[np.arange(2 * k, 2 * k + 2) for k in range(20)]]
     for family, share in (("stribeck", 0.75), ("dahl", 0.25)):
-        candidate = _Candidate(family, np.zeros((40, 1)), np.ones(1))
+        candidate = LawColumns(family, np.zeros((40, 1)), np.ones(1))
         probability, ((_, amplitude),) = _joint_test([(candidate, column)], rho, blocks)
         assert probability == pytest.approx(1.0 / 4000.0 / share)
         # Six deviations of the score, of 20 blocks with the score 2, over the square of the column.
@@ -234,7 +235,7 @@ def test_memory_is_tested_with_twenty_steps_of_the_encoder(robot: str, step: flo
     n = arm.n_dof
     motion = np.sin(np.arange(100.0)[:, None] * 0.1) * np.ones(n)
     part = stub(q=motion, dq=motion, ddq=motion, place="here")
-    found = _candidates(arm, [part], SignalProcessing(edge_rows=0), [motion], np.full(n, step))
+    found = laws_to_test(arm, [part], SignalProcessing(edge_rows=0), [motion], np.full(n, step))
     assert any(item.family == "dahl" for item in found) == tested
 
 

@@ -24,35 +24,23 @@ Tested in ``tests/test_friction_alarm.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ..._tools.saved import UNBOUNDED
-from ...model.memory import FADED, direction, start_column, state
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..fit import Fit
 from ..jackknife import Rows, intervals
 from ..linear_system import LinearSystem
+from .tested_laws import LawColumns, laws_to_test
 from .velocity import decimated
 
-STRIBECK = (0.05, 0.1, 0.2, 0.4)
-"""Stribeck velocities (rad/s) of the hypotheses; a factor of two changes the column clearly."""
-ATAN = (0.05, 0.2, 0.8)
-"""Velocities (rad/s) of the arctangents among the hypotheses."""
-WIDTHS = (0.003, 0.01, 0.03, 0.1)
-"""Displacements (rad) of Dahl's memory among the hypotheses."""
-PRISMATIC = 0.1
-"""Ratio of velocities and displacements of a prismatic joint (m/s, m) to those of a revolute one (rad/s, rad)."""
-RESOLVED_STEPS = 20.0
-"""Smallest number of encoder steps within the smallest of `WIDTHS`: quantisation by coarser steps looks like memory of any
-width."""
 TIME_BLOCKS = 20
 """Number of time stretches whose signs are flipped: long against the residual's correlation, many enough for a probability of 1
 %."""
@@ -151,18 +139,6 @@ class _Limb:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """One law at one velocity or width: its columns, (n_rows, n_dof), zero where the joint does not test it."""
-
-    family: str
-    columns: Array
-    amplitude: Array
-    """Friction of each joint per unit of its column, as it counts for a user: the largest along the log, (n_dof,)."""
-    width: Array | None = None
-    """Displacements of a law of memory, (n_dof,), zero where it is not tested (rad or m)."""
-
-
 def friction_alarm(
     system: LinearSystem,
     fit: Fit,
@@ -191,7 +167,7 @@ def friction_alarm(
         Torques of links and rotors along each of the parts with the estimate (N.m or N, joint side).
     encoder_step : ndarray, shape (n_dof,), optional
         Step of the position encoder of each joint (rad or m), zero where it is not seen. A joint whose steps are coarser
-        than `RESOLVED_STEPS` allows is not tested for memory.
+        than `RESOLVED_STEPS` of `tested_laws` allows is not tested for memory.
     sampling_errors : sequence of sequence of ndarray, shape (n_samples, n_dof)
         Errors of the torques along each of the parts, of an amount at each joint that is not known (N.m or N, joint side):
         scores are freed of them as of the columns of A.
@@ -211,7 +187,7 @@ def friction_alarm(
     """
     n = robot.n_dof
     step = np.zeros(n) if encoder_step is None else encoder_step
-    candidates = _candidates(robot, parts, signal, load, step)
+    candidates = laws_to_test(robot, parts, signal, load, step)
     tested = tuple(dict.fromkeys(item.family for item in candidates))
     limbs = _limbs(system, fit)
     p_value = np.ones(n)
@@ -240,7 +216,7 @@ def friction_alarm(
     raised = bool((p_value < LEVEL).any())
     moved: dict[str, tuple[float, Array]] = {}
     if raised:
-        moved = _shifts(candidates, [_start(item, parts, signal) for item in candidates], limbs, system)
+        moved = _shifts(candidates, [item.start(parts, signal) for item in candidates], limbs, system)
     b = system.w.shape[1]
     changes = [np.abs(change[:b]) for _, change in moved.values()]
     return FrictionAlarm(
@@ -304,64 +280,6 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
     return found
 
 
-def _candidates(
-    robot: Robot,
-    parts: Sequence[Segment],
-    signal: SignalProcessing,
-    load: Sequence[Array],
-    encoder_step: Array,
-) -> list[_Candidate]:
-    """Return the laws that are tested, with their decimated columns."""
-    n = robot.n_dof
-    unit = np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
-    known = {(term.law, term.joint) for term in robot.friction.terms}
-    velocity_laws = ("atan", "stribeck", "root", "table")
-    smooth = np.array([not any((law, joint) in known for law in velocity_laws) for joint in range(n)])
-    loaded = np.array([("load", joint) not in known for joint in range(n)])
-    signs = [direction(robot, part.q, part.dq) for part in parts]
-    found: list[_Candidate] = []
-
-    def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
-        if joints.any():
-            rows = decimated([value * joints for value in values], parts, signal)
-            largest = np.max([np.abs(value).max(axis=0) for value in values], axis=0)
-            found.append(_Candidate(family, rows, largest))
-
-    for velocity in STRIBECK:
-        values = [
-            sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
-            for part, sign in zip(parts, signs, strict=True)
-        ]
-        add("stribeck", values, smooth)
-    for velocity in ATAN:
-        values = [
-            np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
-            for part, sign in zip(parts, signs, strict=True)
-        ]
-        add("atan", values, smooth)
-    add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
-    resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
-    for width in WIDTHS if resolved.any() else ():
-        add(
-            "dahl",
-            [state(part.q, width * unit) - sign for part, sign in zip(parts, signs, strict=True)],
-            resolved,
-        )
-        found[-1] = replace(found[-1], width=width * unit * resolved)
-    return found
-
-
-def _start(item: _Candidate, parts: Sequence[Segment], signal: SignalProcessing) -> Array | None:
-    """Return the columns of the unknown state at the first sample, (n_rows, n_dof); None for a law without memory."""
-    if item.width is None:
-        return None
-    joints = np.flatnonzero(item.width)
-    values = [start_column(part.q[:, joints], item.width[joints]) for part in parts]
-    columns = np.zeros_like(item.columns)
-    columns[:, joints] = decimated(values, parts, signal)
-    return columns
-
-
 def _freed(q: Array, columns: Array) -> Array:
     """Return columns without their part in the space of Q, (r, n); zero where nothing but rounding is left."""
     free = columns - q @ (q.T @ columns)
@@ -385,11 +303,11 @@ def _between_reversals(system: LinearSystem, speeds: Array, joint: int) -> list[
 
 
 def _joint_test(
-    own: Sequence[tuple[_Candidate, Array]], rho: Array, blocks: Sequence[Sequence[Rows]]
-) -> tuple[float, list[tuple[_Candidate, float]]]:
+    own: Sequence[tuple[LawColumns, Array]], rho: Array, blocks: Sequence[Sequence[Rows]]
+) -> tuple[float, list[tuple[LawColumns, float]]]:
     """Return the probability of the scores of a joint's laws, and the units of each column that the test would see."""
     probability = 1.0
-    amplitudes: list[tuple[_Candidate, float]] = []
+    amplitudes: list[tuple[LawColumns, float]] = []
     for memory, share in ((False, 1.0 - MEMORY_SHARE), (True, MEMORY_SHARE)):
         group = [(item, column) for item, column in own if (item.family == "dahl") is memory]
         if not group:
@@ -422,7 +340,7 @@ def _signs(blocks: int) -> Array:
 
 
 def _shifts(
-    candidates: Sequence[_Candidate],
+    candidates: Sequence[LawColumns],
     starts: Sequence[Array | None],
     limbs: Sequence[_Limb],
     system: LinearSystem,

@@ -19,7 +19,7 @@ from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
-from .alarm import PRISMATIC
+from .tested_laws import PRISMATIC
 from .velocity import decimated
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
