@@ -86,7 +86,8 @@ def restored(kind: Any, data: Any, none: float = math.nan) -> Any:
     """
     origin, arguments = get_origin(kind), get_args(kind)
     # From NumPy 2.5 on, `NDArray` is an alias in the sense of PEP 695, whose value is the array type.
-    origin = get_origin(getattr(origin, "__value__", None)) or origin
+    while (value := getattr(origin, "__value__", None)) is not None:
+        origin = get_origin(value)
     if origin is UnionType:
         inner = [item for item in arguments if item is not type(None)]
         return data if data is None or len(inner) > 1 else restored(inner[0], data, none)
