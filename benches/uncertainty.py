@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 
 import didim
 from didim.methods.uncertainty import spread_of_fit
-from didim.regression.jackknife import Factors, intervals, jackknife
+from didim.regression.jackknife import Factors, intervals
 from didim.regression.least_squares import solve
 from didim.signal.decimation import decimate, decimation_stages
 from didim.studies.simulated_log import measured
@@ -182,7 +182,7 @@ def cost(experiment: didim.Experiment) -> None:
         times.append(time.process_time() - start)
     a, y = system.w * fit.weights[:, None], system.y * fit.weights
     blocks = [item.rows for item in intervals(system.blocks)]
-    found = jackknife(Factors.of(a, fit.residual * fit.weights), blocks)
+    found = Factors.of(a, fit.residual * fit.weights).jackknife(blocks)
     sigma, worst = np.sqrt(np.diag(fit.covariance)), 0.0
     for block, deletion in zip(blocks, found.deletions, strict=True):
         kept = np.setdiff1d(np.arange(len(y)), block)

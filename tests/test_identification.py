@@ -294,7 +294,7 @@ def test_names_of_joints_stand_below_the_errors() -> None:
 
 
 def test_arrays_are_restored_by_the_alias_of_later_versions_of_numpy() -> None:
-    """From NumPy 2.5 on `NDArray` is an alias with a `__value__`, here by a stand-in; results are read back as arrays."""
+    """`NDArray` is an alias with a `__value__` from NumPy 2.5 on, here a stand-in; results are read back as arrays."""
     alias = GenericAlias(cast(Any, SimpleNamespace(__value__=NDArray[np.float64])), (np.float64,))
     for kind in (alias, NDArray[np.float64]):
         found = restored(kind, [1.0, None])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from didim.regression.block import Block, stacked
-from didim.regression.jackknife import Branches, Factors, deletion_covariance, intervals, jackknife, rescaled
+from didim.regression.jackknife import Branches, Factors, deletion_covariance, intervals, rescaled
 from didim.regression.linear_system import LinearSystem
 
 ROWS, COLUMNS, JOINTS = 60, 7, 3
@@ -34,7 +34,7 @@ def test_deletions_are_those_of_solving_again_without_a_block() -> None:
     a, y = weighted_system()
     q, inverse, x, residual = factors(a, y)
     blocks = rows_of(20)
-    found = jackknife(Factors(q, q, inverse, residual), blocks)
+    found = Factors(q, q, inverse, residual).jackknife(blocks)
     size = np.sqrt(np.sum(inverse**2, axis=1))
     for block, deletion in zip(blocks, found.deletions, strict=True):
         kept = np.setdiff1d(np.arange(len(y)), block)
@@ -60,7 +60,7 @@ def test_branches_have_the_deletions_of_the_whole_system() -> None:
         branches.inverse @ branches.inverse.T, whole.inverse @ whole.inverse.T, atol=1e-13
     )
     left_out = [item.rows for item in intervals(blocks, 10)]
-    expected, found = jackknife(whole, left_out), branches.jackknife(left_out)
+    expected, found = whole.jackknife(left_out), branches.jackknife(left_out)
     np.testing.assert_allclose(found.deletions, expected.deletions, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.information, expected.information, rtol=1e-9, atol=1e-12)
     assert found.leverage == pytest.approx(expected.leverage)
@@ -74,7 +74,7 @@ def test_deletions_with_instruments_are_those_of_solving_again() -> None:
     inverse = np.linalg.inv(q.T @ a)
     x = inverse @ (q.T @ y)
     blocks = rows_of(12)
-    found = jackknife(Factors(q, a @ inverse, inverse, y - a @ x), blocks)
+    found = Factors(q, a @ inverse, inverse, y - a @ x).jackknife(blocks)
     size = np.sqrt(np.sum(inverse**2, axis=1))
     for block, deletion, shares in zip(blocks, found.deletions, found.information, strict=True):
         kept = np.setdiff1d(np.arange(len(y)), block)
@@ -90,7 +90,7 @@ def test_the_covariance_is_that_of_independent_halves() -> None:
     a = np.ones((10, 1))
     y = np.concatenate([np.zeros(5), np.ones(5)])
     q, inverse, x, residual = factors(a, y)
-    found = jackknife(Factors(q, q, inverse, residual), [np.arange(5), np.arange(5, 10)])
+    found = Factors(q, q, inverse, residual).jackknife([np.arange(5), np.arange(5, 10)])
     assert found.deletions[:, 0] + x == pytest.approx([1.0, 0.0])
     assert found.covariance[0, 0] == pytest.approx(0.25)  # (1/2)((1 - 0)/2)^2 * 2
     assert deletion_covariance(found.deletions) == pytest.approx(found.covariance)
@@ -102,7 +102,7 @@ def test_a_parameter_of_one_block_alone_is_named_and_keeps_its_value_elsewhere()
     outside = np.setdiff1d(np.arange(len(y)), blocks[3])
     a[outside, 2] = 0.0
     q, inverse, x, residual = factors(a, y)
-    found = jackknife(Factors(q, q, inverse, residual), blocks)
+    found = Factors(q, q, inverse, residual).jackknife(blocks)
     assert found.decisive[2] == 3
     assert (np.delete(found.decisive, 2) == -1).all()
     assert found.leverage == pytest.approx(1.0)
@@ -181,7 +181,7 @@ def test_intervals_cover_white_and_correlated_noise(time_constant: float) -> Non
         y = noise[300:]
         x = inverse @ (q.T @ y)
         residual = y - a @ x
-        ratios.append(x / np.sqrt(np.diag(jackknife(Factors(q, q, inverse, residual), blocks).covariance)))
+        ratios.append(x / np.sqrt(np.diag(Factors(q, q, inverse, residual).jackknife(blocks).covariance)))
         white.append(x / np.sqrt(np.sum(inverse**2, axis=1) * (residual @ residual) / 295))
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.12)
     assert np.mean(np.abs(ratios) < 2.093) == pytest.approx(0.95, abs=0.03)

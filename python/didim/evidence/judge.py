@@ -155,10 +155,8 @@ def _along(
         if explicable and measured is not by_law:
             if codes & SUSPICIOUS or (alarm is not None and alarm.raised):
                 say("the log contradicts its model: looking for the cause")
-                findings = [
-                    *explained(rows, measured, fit),
-                    *findings,
-                ]  # the cause before what follows from it
+                # The cause stands before what follows from it.
+                findings = [*explained(rows, measured, fit), *findings]
                 fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
             else:
                 findings += _delay(rows, fit)

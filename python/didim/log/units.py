@@ -30,7 +30,6 @@ EFFORT = ("N.m", "N", "A", "V")
 ESTIMATE = "estimate"
 """Value of `gain` for currents whose drive gains are to be estimated from the log."""
 
-
 _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 

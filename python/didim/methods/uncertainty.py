@@ -16,7 +16,7 @@ from ..regression.block import Block
 from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm
-from ..regression.jackknife import Branches, Factors, intervals, jackknife, rescaled
+from ..regression.jackknife import Branches, Factors, intervals, rescaled
 from ..regression.linear_system import LinearSystem
 from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
@@ -110,7 +110,7 @@ def spread_of_factors(
 
     Parameters
     ----------
-    factors : Factors
+    factors : Factors or Branches
         Weighted system of the deletions; columns beyond those of `names` are velocities.
     covariance : (n, n) array
         Covariance without the jackknife; its correlations are retained.
@@ -148,7 +148,7 @@ def spread_of_factors(
         )
         return Spread(covariance, plain, remark)
     left_out = [part.rows for part in parts]
-    found = factors.jackknife(left_out) if isinstance(factors, Branches) else jackknife(factors, left_out)
+    found = factors.jackknife(left_out)
     found = replace(found, deletions=found.deletions[:, :n], information=found.information[:, :n])
     decisive = found.decisive
     variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))

@@ -26,7 +26,7 @@ from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
-from .jackknife import Factors, intervals, jackknife
+from .jackknife import Factors, intervals
 from .linear_system import LinearSystem
 
 SIGNIFICANT = 3.0
@@ -285,7 +285,7 @@ class _Search:
             )
         )
         blocks = [item.rows for item in intervals(self.system.blocks)]
-        spread = jackknife(Factors(q, q, inverse, residual), blocks).covariance[b:, b:]
+        spread = Factors(q, q, inverse, residual).jackknife(blocks).covariance[b:, b:]
         covariance = np.diag(np.full(n, np.inf))
         covariance[np.ix_(moving, moving)] = spread
         for joint in np.flatnonzero(lost):

@@ -183,6 +183,53 @@ class Factors:
         inverse = np.linalg.solve(triangle, np.eye(a.shape[1])) / size[:, None]
         return cls(left, left, inverse, residual)
 
+    def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
+        """Compute the estimates without each block, from the factors of the whole system.
+
+        Parameters
+        ----------
+        blocks : sequence of ndarray of int
+            Rows of each block: at least two blocks.
+
+        Returns
+        -------
+        Jackknife
+            Changes of the estimate, in the units of the parameters.
+
+        Notes
+        -----
+        A direction that the other blocks do not determine keeps its value. ``test_jackknife.py`` solves the system again without
+        each block.
+        """
+        left, right, inverse, residual = self.left, self.right, self.inverse, self.residual
+        b = inverse.shape[0]
+        gram, scores = np.empty((len(blocks), b, b)), np.empty((len(blocks), b))
+        for index, rows in enumerate(blocks):
+            part = left[rows]
+            gram[index] = part.T @ (part if right is left else right[rows])
+            scores[index] = part.T @ residual[rows]
+        if right is left:
+            values, vectors = np.linalg.eigh(gram)
+            remaining = np.where(values < LARGEST_EIGENVALUE, 1.0 - values, np.inf)
+            turned = np.einsum("mki,mk->mi", vectors, scores) / remaining
+            deletions = -np.einsum("mki,mi->mk", vectors, turned) @ inverse.T
+            # Variances without a block: diag(R^-1 (I - Q_i^T Q_i)^-1 R^-T).
+            spread = np.matmul(inverse, vectors) ** 2
+            without = np.einsum(
+                "mki,mi->mk", spread, 1.0 / np.maximum(1.0 - values, 1.0 - LARGEST_EIGENVALUE)
+            )
+            leverage = float(values.max())
+        else:
+            rest = np.eye(b) - gram
+            leverage = float(np.linalg.eigvalsh(0.5 * (gram + gram.transpose(0, 2, 1))).max())
+            deletions = -np.linalg.solve(rest, scores[:, :, None])[:, :, 0] @ inverse.T
+            # diag(H_i^-1 (I - L_i^T L_i) H_i^-T) with H_i = (I - L_i^T M_i) G.
+            ahead = np.matmul(inverse, np.linalg.inv(rest))
+            own = np.stack([np.eye(b) - left[rows].T @ left[rows] for rows in blocks])
+            without = np.einsum("mij,mjk,mik->mi", ahead, own, ahead, optimize=True)
+        variances = np.sum(inverse**2, axis=1)
+        return Jackknife(deletions, 1.0 - variances / np.maximum(without, variances), leverage)
+
 
 @dataclass(frozen=True, eq=False)
 class Branches:
@@ -215,65 +262,17 @@ class Branches:
         return cls(parts, inverse, residual * weights)
 
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
-        """Compute the estimates without each block of rows, branch by branch; see `jackknife`."""
+        """Compute the estimates without each block of rows, branch by branch; see `Factors.jackknife`."""
         deletions, information = np.zeros((2, len(blocks), len(self.inverse)))
         leverage = 0.0
         for rows, columns, factors in self.parts:
             place = np.full(len(self.residual), -1)
             place[rows] = np.arange(len(rows))
             own = [inside[inside >= 0] for inside in (place[block] for block in blocks)]
-            found = jackknife(factors, own)
+            found = factors.jackknife(own)
             deletions[:, columns], information[:, columns] = found.deletions, found.information
             leverage = max(leverage, found.leverage)
         return Jackknife(deletions, information, leverage)
-
-
-def jackknife(factors: Factors, blocks: Sequence[Rows]) -> Jackknife:
-    """Compute the estimates without each block, from the factors of the whole system.
-
-    Parameters
-    ----------
-    factors : Factors
-        Factors of the whole system.
-    blocks : sequence of ndarray of int
-        Rows of each block: at least two blocks.
-
-    Returns
-    -------
-    Jackknife
-        Changes of the estimate, in the units of the parameters.
-
-    Notes
-    -----
-    A direction that the other blocks do not determine keeps its value. ``test_jackknife.py`` solves the system again without each
-    block.
-    """
-    left, right, inverse, residual = factors.left, factors.right, factors.inverse, factors.residual
-    b = inverse.shape[0]
-    gram, scores = np.empty((len(blocks), b, b)), np.empty((len(blocks), b))
-    for index, rows in enumerate(blocks):
-        part = left[rows]
-        gram[index] = part.T @ (part if right is left else right[rows])
-        scores[index] = part.T @ residual[rows]
-    if right is left:
-        values, vectors = np.linalg.eigh(gram)
-        remaining = np.where(values < LARGEST_EIGENVALUE, 1.0 - values, np.inf)
-        turned = np.einsum("mki,mk->mi", vectors, scores) / remaining
-        deletions = -np.einsum("mki,mi->mk", vectors, turned) @ inverse.T
-        # Variances without a block: diag(R^-1 (I - Q_i^T Q_i)^-1 R^-T).
-        spread = np.matmul(inverse, vectors) ** 2
-        without = np.einsum("mki,mi->mk", spread, 1.0 / np.maximum(1.0 - values, 1.0 - LARGEST_EIGENVALUE))
-        leverage = float(values.max())
-    else:
-        rest = np.eye(b) - gram
-        leverage = float(np.linalg.eigvalsh(0.5 * (gram + gram.transpose(0, 2, 1))).max())
-        deletions = -np.linalg.solve(rest, scores[:, :, None])[:, :, 0] @ inverse.T
-        # diag(H_i^-1 (I - L_i^T L_i) H_i^-T) with H_i = (I - L_i^T M_i) G.
-        ahead = np.matmul(inverse, np.linalg.inv(rest))
-        own = np.stack([np.eye(b) - left[rows].T @ left[rows] for rows in blocks])
-        without = np.einsum("mij,mjk,mik->mi", ahead, own, ahead, optimize=True)
-    variances = np.sum(inverse**2, axis=1)
-    return Jackknife(deletions, 1.0 - variances / np.maximum(without, variances), leverage)
 
 
 def deletion_covariance(deletions: Array) -> Array:

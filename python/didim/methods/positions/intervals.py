@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ..._tools.words import series
+from ...regression.jackknife import deletion_covariance
 from ...result.finding import Finding, said
 from ...result.uncertainty import student_factor
 from ...signal.noise import encoder_step, white_noise
@@ -129,15 +130,8 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
             continue
         steps, variances = [], []
         for part in (slice(None, k), slice(k, None)):
-            whole, gradient, count = a[part].sum(axis=0), g[part].sum(axis=0), len(a[part])
-            steps.append(bounded_step(problem, now, whole, gradient, 0.0, n_rows))
-            moved = np.array(
-                [
-                    bounded_step(problem, now, whole - own, gradient - other, 0.0, n_rows)
-                    for own, other in zip(a[part], g[part], strict=True)
-                ]
-            )
-            variances.append((count - 1) / count * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
+            steps.append(bounded_step(problem, now, a[part].sum(axis=0), g[part].sum(axis=0), 0.0, n_rows))
+            variances.append(np.diag(_jackknife(problem, now, a[part], g[part])))
         change, deviation = steps[1] - steps[0], np.sqrt(sum(variances))
         ratio = np.divide(change, deviation, out=np.zeros_like(change), where=deviation > 0.0)
         found = np.where(np.abs(ratio) > np.abs(found[1]), [change, ratio], found)
@@ -306,5 +300,4 @@ def _jackknife(problem: Problem, now: Search, a: Array, g: Array) -> Array:
     moved = np.array(
         [bounded_step(problem, now, whole - a[b], gradient - g[b], 0.0, n_rows) for b in range(number)]
     )
-    moved -= moved.mean(axis=0)
-    return np.asarray((number - 1) / number * moved.T @ moved)
+    return deletion_covariance(moved)

@@ -187,7 +187,7 @@ def _compared(
         for one in (trial, other)
     )
     change = own - others
-    better, told = change.sum(axis=0) > 0.0, clear(change)
+    better, certain = change.sum(axis=0) > 0.0, clear(change)
     velocity = {
         term.parameter: term.velocity
         for fit in (trial, other)
@@ -198,7 +198,7 @@ def _compared(
     rivals = {
         one.parameter: velocity[two.parameter]
         for one in chosen
-        if one.estimated and not told[one.joint] and (two := other_curve(one)) != one
+        if one.estimated and not certain[one.joint] and (two := other_curve(one)) != one
     }
     return _Compared(chosen, settle(chosen) if better.any() else trial, rivals)
 

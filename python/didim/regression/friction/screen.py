@@ -26,7 +26,7 @@ BLOCK_GAP_ROWS = 5
 """Number of rows beside a held-out block that are not fitted either: neighbouring residuals are correlated."""
 LEAST_SIGNIFICANCE = 1.0
 """Smallest gain of a term, in its standard error between the blocks."""
-TOLD = 2.78
+CLEAR = 2.78
 """Gain of a law, in its standard error, from which the log tells it from none, or from another law: Student's 97.5 % quantile
 for the four degrees of freedom of five blocks. Below it the parameters' standard deviations include the law's shift."""
 SMALLEST_GAIN = 1e-3
@@ -60,12 +60,12 @@ def significance(change: Array) -> Array:
 
 
 def clear(change: Array) -> NDArray[np.bool_]:
-    """Whether changes of the blocks' errors, (n_blocks, ...), are clear of noise, (...): `TOLD`, or of one sign in all blocks.
+    """Whether changes of the blocks' errors, (n_blocks, ...), are clear of noise, (...): `CLEAR`, or of one sign in all blocks.
 
     Blocks of different motion gain differently, so a law that each of them needs may have a large standard error.
     """
     one_sign = np.abs(np.sign(change).sum(axis=0)) == len(change)
-    return np.asarray(one_sign | (np.abs(significance(change)) >= TOLD))
+    return np.asarray(one_sign | (np.abs(significance(change)) >= CLEAR))
 
 
 class Folds:

@@ -19,7 +19,7 @@ from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...methods.method import FitSettings
 from ...regression.covariance import decimated
-from ...regression.jackknife import Factors, deletion_covariance, intervals, jackknife
+from ...regression.jackknife import Factors, deletion_covariance, intervals
 from ...regression.linear_system import LinearSystem, linear_system
 from ...regression.logs.body import nearest_bodies
 from ...regression.logs.parameters import LogParameters
@@ -201,7 +201,7 @@ def _solve(
     of_log = decimated(whole, replace(settings, weights="per-joint"), log.left, log.residual, factors.inverse)
     freedom, n_blocks = float(rows - e), 0
     if settings.uncertainty == "jackknife" and len(blocks) > 1:
-        own = deletion_covariance(jackknife(log, blocks).deletions)
+        own = deletion_covariance(log.jackknife(blocks).deletions)
         ratio = np.sqrt(np.diag(own) / np.maximum(np.diag(of_log), np.finfo(float).tiny))
         of_log = of_log * np.outer(ratio, ratio)
         n_blocks = len(blocks)
