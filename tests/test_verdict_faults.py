@@ -14,6 +14,8 @@ from verdict_arms import ARMS, INDEPENDENT, Log, built, expected_error, faults, 
 from verdict_arms import experiment as experiment_of
 
 QUICK = {
+    # Errors of the other joints all vanish where its gain is far too small, as they do at the true one.
+    "arm7": ("torque 6 x 2.0",),
     "gantry": (
         "gravity (0.0, 0.0, -9.81)",
         "other DH convention",
@@ -24,7 +26,7 @@ QUICK = {
         "asymmetric friction",
         "torque one sample late",
         "AR(1) 0.95 noise",
-    )
+    ),
 }
 
 

@@ -92,7 +92,8 @@ def best_factor(
 ) -> tuple[float, bool]:
     """Return the factor of the least squared errors, (n,), and whether it is an end of the list; 1 where none is clearly better.
 
-    The factors beside 1, or the middle one, tell by a parabola whether any is: only then the others are tried.
+    A parabola through the factors beside 1, or beside the middle one, shows whether any is: only then the others are tried. Each
+    valley between them is refined: with all errors small but one, the true factor's is narrow beside that of too small ones.
     """
     from scipy.optimize import minimize_scalar
 
@@ -115,13 +116,18 @@ def best_factor(
     wanted = promising * cost(factors[one])
     if not min(bottom(one), cost(factors[one - 1]), cost(factors[one + 1])) < wanted:
         return factors[one], False
-    k = int(np.argmin([cost(factor) for factor in factors]))
-    if k in (0, len(factors) - 1):
-        return factors[k], True
-    found = minimize_scalar(
-        lambda value: cost(float(np.exp(value))),
-        bounds=(np.log(factors[k - 1]), np.log(factors[k + 1])),
-        method="bounded",
-        options={"xatol": 5e-3, "maxiter": 10},
-    )
-    return float(np.exp(found.x)), False
+    costs = [cost(factor) for factor in factors]
+    found = [
+        minimize_scalar(
+            lambda value: cost(float(np.exp(value))),
+            bounds=(np.log(factors[k - 1]), np.log(factors[k + 1])),
+            method="bounded",
+            options={"xatol": 5e-3, "maxiter": 10},
+        )
+        for k in range(1, len(factors) - 1)
+        if costs[k] == min(costs[k - 1 : k + 2])
+    ]
+    best = min(found, key=lambda item: float(item.fun), default=None)
+    if best is None or best.fun > min(costs[0], costs[-1]):
+        return factors[0 if costs[0] < costs[-1] else -1], True
+    return float(np.exp(best.x)), False
