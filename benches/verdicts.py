@@ -1,13 +1,13 @@
 """Does the verdict name what is wrong, and is it silent where nothing is?
 
-    python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim] [--workers 2]
+    python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim|cloe] [--workers 2]
     python benches/verdicts.py --sound [--seeds 4] [--arms arm7 gantry tx40 planar2 ur5e-like iiwa14-like]
 
 Plants each fault of `tests/verdict_arms.py` in logs of a simulated 7R arm and a gantry with a wrist, whose truth is known, and
 prints how many of the seeds (noise and motion) got a verdict that is not sound, a reason that names the fault, and one that names
 another as its cause; and, of the remedies that were obeyed, how many have a smaller error on blocks left out and no such reason.
 With ``--sound`` it identifies correct logs of both arms, the TX40 and the planar arm at three rates and five noise levels, and
-prints how many are sound. The arms `ur5e-like` and `iiwa14-like` are those that no threshold was chosen on. docs/verdict.md has the
+prints how many are sound. The arms whose names end in `-like` are those that no threshold was chosen on. docs/verdict.md has the
 figures.
 """
 
@@ -16,8 +16,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +39,13 @@ from verdict_arms import INDEPENDENT, Arm, Fault, Log, built, expected_error, fa
 
 ARMS = {**CHOSEN, **INDEPENDENT}
 
-METHODS = {"idim-ls": didim.IDIMLS, "didim": didim.DIDIM}
+METHODS: dict[str, Callable[[], Any]] = {
+    "idim-ls": didim.IDIMLS,
+    "didim": didim.DIDIM,
+    "cloe": partial(didim.CLOE, start="idim-ls"),
+}
+CLOSED_LOOP = {"didim": "cloe"}
+"""The other method that meets the faults of one."""
 LEVELS = (0.003, 0.006, 0.01, 0.02, 0.04)
 """Noise of the torques, as shares of their standard deviation."""
 RATES_HZ = (100.0, 250.0, 500.0)
@@ -57,14 +66,16 @@ def named(fault: Fault, verdict: Verdict) -> bool:
     )
 
 
-def try_fault(arm: Arm, fault: Fault, seeds: int, first: int = 0) -> tuple[dict[str, int], dict[str, int]]:
+def try_fault(
+    arm: Arm, fault: Fault, seeds: int, first: int, method_name: str
+) -> tuple[dict[str, int], dict[str, int]]:
     """Return counts of verdicts: not sound, right, another cause, remedies obeyed, and better so; and the codes of the rest."""
     counts = dict.fromkeys(("alarmed", "named", "misnamed", "obeyed", "better"), 0)
     others: dict[str, int] = {}
     logs = [built(arm, fault, motion=first + motion) for motion in range(min(2, seeds))]
     for seed in range(seeds):
         experiment = planted(logs[seed % len(logs)], fault, first + seed)
-        method = METHODS[fault.method]()
+        method = METHODS[method_name]()
         try:
             fit = didim.identify(experiment, method)
         except didim.DidimError as error:
@@ -150,10 +161,10 @@ def noisy(log: Log | didim.Experiment, seed: int, level: float) -> didim.Experim
     return replace(log, recordings=(replace(recording, q=q, tau=tau),))
 
 
-def one_fault(task: tuple[str, int, int, int]) -> tuple[dict[str, int], dict[str, int]]:
-    """Try a fault by the name of its arm, its place among the faults of the arm, the number of seeds and the first one."""
-    name, place, seeds, first = task
-    return try_fault(ARMS[name], list(faults(ARMS[name]))[place], seeds, first)
+def one_fault(task: tuple[str, int, int, int, str]) -> tuple[dict[str, int], dict[str, int]]:
+    """Try a fault by the name of its arm, its place among the faults of the arm, number of seeds, the first one, and the method."""
+    name, place, seeds, first, method = task
+    return try_fault(ARMS[name], list(faults(ARMS[name]))[place], seeds, first, method)
 
 
 def main() -> None:
@@ -164,7 +175,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed of motions and noise")
     parser.add_argument("--arms", nargs="+", choices=(*ARMS, *CORRECT), default=list(CHOSEN))
     parser.add_argument("--faults", nargs="+", help="words of the names of faults")
-    parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
+    parser.add_argument(
+        "--method", choices=METHODS, help="faults that this method meets alone; cloe: those of didim"
+    )
     parser.add_argument("--sound", action="store_true", help="correct logs instead of faults")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=["idim-ls"], help="for --sound")
     parser.add_argument(
@@ -196,11 +209,11 @@ def main() -> None:
                     )
     else:
         tasks = [
-            (name, place, arguments.seeds, arguments.first)
+            (name, place, arguments.seeds, arguments.first, arguments.method or fault.method)
             for name in arguments.arms
             for place, fault in enumerate(faults(ARMS[name]))
             if (not arguments.faults or any(word in fault.name for word in arguments.faults))
-            and arguments.method in (None, fault.method)
+            and (arguments.method or fault.method) in {fault.method, CLOSED_LOOP.get(fault.method)}
         ]
         with pool("serial" if arguments.workers == 1 else "process", arguments.workers) as some:
             for (name, place, *_), found, lost in run_all(one_fault, tasks, some):

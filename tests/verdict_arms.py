@@ -171,8 +171,38 @@ IIWA14 = Arm(
     acceleration=(5.0, 5.0, 6.0, 6.0, 9.0, 10.0, 12.0),
     offset=(0.0, 0.4, 0.0, -1.1, 0.0, 0.9, 0.0),
 )
-INDEPENDENT = {arm.name: arm for arm in (UR5E, IIWA14)}
-"""Arms that no threshold was chosen on: geometry of two packaged robots, bodies of their size."""
+TX40 = Arm(
+    name="tx40-like",
+    rows=(
+        ("revolute", -90.0, 0.0, 0.32),
+        ("revolute", 0.0, 0.225, 0.035),
+        ("revolute", 90.0, 0.0, 0.0),
+        ("revolute", -90.0, 0.0, 0.225),
+        ("revolute", 90.0, 0.0, 0.0),
+        ("revolute", 0.0, 0.0, 0.065),
+    ),
+    masses=(5.0, 4.5, 3.0, 1.8, 0.8, 0.15),
+    rotors=(0.38, 0.38, 0.11, 0.03, 0.03, 0.01),
+    friction=(7.0, 7.5, 6.5, 2.3, 2.9, 1.6),
+    reach=(1.5, 1.2, 1.2, 2.0, 1.5, 2.5),
+    speed=(4.0, 3.5, 4.5, 6.5, 6.0, 9.0),
+    acceleration=(22.0, 20.0, 28.0, 50.0, 45.0, 75.0),
+    offset=(0.0, -0.6, 1.2, 0.0, 0.5, 0.0),
+)
+PLANAR2 = Arm(
+    name="planar2-like",
+    rows=(("revolute", 0.0, 0.45, 0.0), ("revolute", 0.0, 0.4, 0.0)),
+    masses=(3.0, 2.0),
+    rotors=(0.15, 0.05),
+    friction=(1.2, 0.6),
+    reach=(1.6, 2.0),
+    speed=(5.0, 7.0),
+    acceleration=(25.0, 45.0),
+    offset=(0.0, 0.0),
+    gravity=(0.0, -9.81, 0.0),
+)
+INDEPENDENT = {arm.name: arm for arm in (UR5E, IIWA14, TX40, PLANAR2)}
+"""Arms that no threshold was chosen on: geometry of four packaged robots, bodies of their size; the last two are light and fast."""
 FREQUENCIES_HZ = 6.0
 """Natural frequency of the controllers: loose enough that tracking errors show the gains."""
 
@@ -330,11 +360,13 @@ def _turned(index: int) -> tuple[float, float, float]:
 
 
 def _longer(arm: Arm, factor: float) -> tuple[tuple[str, float, float, float], ...]:
-    row = 3 if arm.name == "gantry" else 2
-    place = 3 if arm.name in ("arm7", "iiwa14-like") else 2
-    kind, alpha, a, d = arm.rows[row]
-    changed = (kind, alpha, factor * a, d) if place == 2 else (kind, alpha, a, factor * d)
-    return (*arm.rows[:row], changed, *arm.rows[row + 1 :])
+    """Rows with another length between two revolute joints: the longest one, for the first and the last move nothing beyond."""
+    inner = range(1, len(arm.rows) - 1) if len(arm.rows) > 2 else range(1)
+    places = [(row, place) for row in inner for place in (2, 3) if arm.rows[row][0] == "revolute"]
+    row, place = max(places, key=lambda at: abs(arm.rows[at[0]][at[1]]))  # type: ignore[arg-type]
+    changed = list(arm.rows[row])
+    changed[place] = factor * arm.rows[row][place]  # type: ignore[operator]
+    return (*arm.rows[:row], tuple(changed), *arm.rows[row + 1 :])  # type: ignore[arg-type]
 
 
 def _asymmetric(arm: Arm, experiment: Experiment) -> dict[str, Any]:
