@@ -117,7 +117,7 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
         return [loop.torques(place(loop.moved(end.parameters, change)).simulated) for change in changes]
 
     centre = place(end.parameters)
-    response = Response.at(centre.system, centre.fit, rows, loop.torques(centre.simulated))
+    response = Response.at(centre.system, centre.fit, rows, loop.torques(centre.simulated), job.robot)
     assert response is not None
     jacobian = np.eye(len(response.gain)) - np.linalg.inv(response.gain)
     std = centre.fit.std

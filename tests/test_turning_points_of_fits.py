@@ -29,6 +29,7 @@ from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.response import share_moved
 from didim.methods.uncertainty import spread_of_factors
+from didim.model.limbs import Directions
 from didim.regression.block import Block
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
@@ -200,6 +201,7 @@ def test_derivatives_of_an_output_error_change_torques_by_a_ten_thousandth() -> 
 
     class Errors:
         scale = np.array([2.0, 5.0])
+        directions = Directions(np.arange(2), np.ones((2, 1), dtype=bool))
 
         def errors(self, points: Array) -> tuple[Array, Array]:
             asked.append(points)

@@ -70,7 +70,7 @@ class Runs:
             torques=lambda run: np.zeros(1),
             projection=lambda iterate: None,
             windows=[0],
-            job=stub(settings=None),
+            job=stub(settings=None, robot=None),
         )
         found, _ = slack.run_to_fixed_point(
             cast(Any, loop),

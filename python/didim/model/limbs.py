@@ -1,7 +1,8 @@
 """Limbs: groups of joints that share neither link nor motor with the others; on a fixed base they are decoupled.
 
 The inertia matrix has no entry between two limbs, ``M_ij = 0``, and no torque of one depends on the motion of the other:
-``tests/test_positions.py`` compares torques of the whole robot and of its limbs.
+``tests/test_positions.py`` compares torques of the whole robot and of its limbs. So one simulation gives the derivatives with
+respect to a parameter of each limb (Curtis, Powell and Reid, 1974): ``tests/test_limbs.py`` compares them with single ones.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Limb:
     name : str
         Common part of its joints' names, or "joints 1 to 3".
     joints : tuple of int
-        Numbers of its joints in the robot, from 0.
+        Numbers of its driven joints in the robot, from 0.
     robot : Robot
         The limb as a separate robot.
     indices : (n_limb_parameters,) array
@@ -40,29 +41,33 @@ class Limb:
 
 def limbs_of(robot: Robot) -> list[Limb]:
     """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
-    n, parents = robot.n_dof, robot.geometry.parents
-    group = list(range(n))
-    coupling = np.array(robot.geometry.coupling) != 0.0
+    geometry = robot.geometry
+    group = list(range(robot.n_joints))
+    coupling = np.array(geometry.coupling) != 0.0
 
     def merge(a: int, b: int) -> None:
         low, high = sorted((group[a], group[b]))
         group[:] = [low if g == high else g for g in group]
 
-    for joint, parent in enumerate(parents):
+    for joint, parent in enumerate(geometry.parents):
         if parent is not None:
             merge(joint, parent)
     for a, b in np.argwhere(coupling | coupling.T):
         merge(int(a), int(b))
-    found = []
-    for first in dict.fromkeys(group):
-        joints = tuple(j for j in range(n) if group[j] == first)
-        found.append(_limb(robot, joints))
-    return found
+    for joint, follower in enumerate(geometry.followers, start=robot.n_dof):
+        for leader, _ in follower.leaders:
+            merge(joint, leader)
+    return [
+        _limb(robot, tuple(joint for joint, other in enumerate(group) if other == first))
+        for first in dict.fromkeys(group)
+    ]
 
 
 def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
-    if len(joints) == robot.n_dof:
-        return Limb("", joints, robot, np.arange(len(robot.parameter_names)))
+    """Return the limb of some joints, followers included, which have the last numbers here too."""
+    if len(joints) == robot.n_joints:
+        return Limb("", joints[: robot.n_dof], robot, np.arange(len(robot.parameter_names)))
+    driven = tuple(joint for joint in joints if joint < robot.n_dof)
     place = {joint: k for k, joint in enumerate(joints)}
     geometry, friction = robot.geometry, robot.friction
     mounts = tuple(
@@ -70,6 +75,11 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
         for mount in (
             (geometry.mounts or tuple(Mount(parent=p) for p in geometry.parents))[joint] for joint in joints
         )
+    )
+    followers = tuple(
+        replace(follower, leaders=tuple((place[leader], factor) for leader, factor in follower.leaders))
+        for joint, follower in enumerate(geometry.followers, start=robot.n_dof)
+        if joint in place
     )
     rows = {
         key: tuple(getattr(geometry, key)[joint] for joint in joints)
@@ -80,21 +90,22 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
         geometry=replace(
             geometry,
             **rows,
-            coupling=tuple(tuple(geometry.coupling[a][b] for b in joints) for a in joints),
+            coupling=tuple(tuple(geometry.coupling[a][b] for b in driven) for a in driven),
             mounts=mounts,
+            followers=followers,
         ),
         friction=replace(
             friction,
-            smoothing=tuple(friction.smoothing[j] for j in joints),
-            dead_zone=tuple(friction.dead_zone[j] for j in joints),
+            smoothing=tuple(friction.smoothing[j] for j in driven),
+            dead_zone=tuple(friction.dead_zone[j] for j in driven),
             terms=tuple(
                 replace(term, joint=place[term.joint]) for term in friction.terms if term.joint in place
             ),
         ),
-        limits=tuple(robot.limits[j] for j in joints),
+        limits=tuple(robot.limits[j] for j in driven),
         reduction=None,
         gains=None,
-        joint_names=tuple(robot.joint_names[j] for j in joints) if robot.joint_names else (),
+        joint_names=tuple(robot.joint_names[j] for j in driven) if robot.joint_names else (),
         correspondence=None,
         collision=(),
         standard=None,
@@ -102,13 +113,59 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
         _own=frozenset(),
     )
     indices = [robot.parameter_names.index(renamed(name, joints)) for name in alone.parameter_names]
-    return Limb(_name(robot, joints), joints, alone, np.array(indices))
+    return Limb(_name(robot, driven), driven, alone, np.array(indices))
 
 
 def renamed(name: str, joints: tuple[int, ...]) -> str:
     """Return the name among the robot's parameters of a parameter of a limb: ``Ia2`` of joints 4 to 6 is ``Ia5``."""
-    head, number, tail = re.fullmatch(r"(\D+)(\d+)(\D*)", name).groups()  # type: ignore[union-attr]
+    head, number, tail = re.fullmatch(r"(.*\D)(\d+)(\D*)", name).groups()  # type: ignore[union-attr]
     return f"{head}{joints[int(number) - 1] + 1}{tail}"
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Directions of differences: one simulation changes a parameter of each limb.
+
+    Attributes
+    ----------
+    number : (n,) array of int
+        Simulation that changes each parameter.
+    joints : (n, n_dof) array of bool
+        Joints that respond to each parameter: those of the limbs that it acts on.
+    """
+
+    number: NDArray[np.intp]
+    joints: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, robot: Robot, acts: NDArray[np.bool_]) -> Directions:
+        """Assign parameters to as few simulations as they need, in their order.
+
+        Parameters
+        ----------
+        robot : Robot
+            The simulated robot.
+        acts : (n_dof, n) array of bool
+            Whether each parameter acts on the torque of a joint along some motion. One that acts on none has a simulation of its
+            own.
+        """
+        joints = np.zeros(acts.T.shape, dtype=bool)
+        for limb in limbs_of(robot):
+            at = list(limb.joints)
+            joints[:, at] = np.asarray(acts[at].any(axis=0))[:, None]
+        joints[~joints.any(axis=1)] = True
+        number = np.zeros(len(joints), dtype=np.intp)
+        taken = np.zeros_like(joints)  # joints that respond in each simulation
+        for column, own in enumerate(joints):
+            number[column] = np.argmin((taken & own).any(axis=1))
+            taken[number[column]] |= own
+        return cls(number, joints)
+
+    def changes(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the change of all parameters in each simulation, (n_simulations, n), from the step of each, (n,)."""
+        found = np.zeros((self.number.max(initial=-1) + 1, len(steps)))
+        found[self.number, np.arange(len(steps))] = steps
+        return found
 
 
 def _name(robot: Robot, joints: tuple[int, ...]) -> str:

@@ -23,6 +23,7 @@ from ...evidence.loop.simulated import Piece, compare_motions
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...model.dynamics import regressor
+from ...model.limbs import Directions
 from ...model.safe_step import safe_step, thinned
 from ...regression.block import Block
 from ...result.identification import Identification
@@ -68,6 +69,8 @@ class OutputError:
         Estimated base parameters at the start.
     scale : (n,) array
         Change of each parameter that changes the torques along the reference by their own size.
+    directions : Directions
+        Parameters whose derivatives share a simulation.
     weight_q, weight_tau : (n_dof,) arrays
         Weights of squared position and torque errors; zero for an unused output.
     n_simulations : int
@@ -83,7 +86,8 @@ class OutputError:
         self.n_simulations = 0
         self.saved = Checkpoint(None, "")
         self.start = self._start()
-        self.scale = self._scale()
+        self.scale, acts = self._scale()
+        self.directions = Directions.of(self.robot, acts)
         n = self.robot.n_dof
         self.weight_q = np.full(n, 1.0 if method.output in ("position", "both") else 0.0)
         self.weight_tau = np.full(n, 1.0 if method.output in ("torque", "both") else 0.0)
@@ -157,8 +161,10 @@ class OutputError:
 
     def derivatives(self, point: Array, errors: Array) -> Array:
         """Return derivatives of the weighted errors, (n, n_rows), by differences of parallel simulations."""
-        steps = DERIVATIVE_STEP * self.scale
-        moved, completed = self.errors(point + np.diag(steps))
+        steps, directions = DERIVATIVE_STEP * self.scale, self.directions
+        moved, completed = (
+            found[directions.number] for found in self.errors(point + directions.changes(steps))
+        )
         moved -= errors
         moved /= steps[:, None]
         if not completed.all():
@@ -166,6 +172,8 @@ class OutputError:
             back = np.flatnonzero(np.logical_not(completed))
             other, inside = self.errors(point - np.diag(steps)[back])
             moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)
+        if not directions.joints.all():
+            moved.reshape(len(steps), -1, directions.joints.shape[1])[...] *= directions.joints[:, None]
         return moved
 
     def safe_share(self, point: Array, target: Array) -> float:
@@ -247,7 +255,8 @@ class OutputError:
             x = self.base.extended(standard_start(self.robot, start), further_of(start))
         return np.asarray(self.base.project(x)[self.estimated])
 
-    def _scale(self) -> Array:
+    def _scale(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the scale, and whether each parameter acts on the torque of a joint along the references, (n_dof, n)."""
         base = list(self.robot.base_parameters.indices)
         squares = np.zeros((self.robot.n_dof, len(self.estimated)))
         sizes = np.zeros(self.robot.n_dof)
@@ -262,7 +271,7 @@ class OutputError:
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.tau**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))
-        return 1.0 / np.where(share > 0.0, share, 1.0)
+        return 1.0 / np.where(share > 0.0, share, 1.0), squares > 0.0
 
     def result(
         self,

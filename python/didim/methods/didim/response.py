@@ -23,11 +23,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...model.limbs import Directions
 from ...regression.covariance import decimated, white
 from ...regression.fit import Fit
 from ...regression.jackknife import Factors
 from ...regression.linear_system import LinearSystem
 from ...regression.settings import LeastSquaresSettings
+from ...robot.robot import Robot
 from ..uncertainty import with_velocities
 
 DIFFERENCE = 1.0
@@ -105,22 +107,35 @@ class Response:
 
     @classmethod
     def at(
-        cls, system: LinearSystem, fit: Fit, rows: Rows, base: Array, share: Array | None = None
+        cls,
+        system: LinearSystem,
+        fit: Fit,
+        rows: Rows,
+        base: Array,
+        robot: Robot,
+        share: Array | None = None,
     ) -> Response | None:
-        """Return the response at an iterate, by one simulation per parameter; None if one ends early, or G is singular.
+        """Return the response at an iterate, by one simulation per parameter of the largest limb.
 
-        `share` is P, (n, n); None for 1.
+        None if one ends early, or G is singular. `share` is P, (n, n); None for 1.
         """
         sizes = np.linalg.norm(system.w * fit.weights[:, None], axis=0)
         if not np.all(sizes > 0.0):
             return None
         lengths = DIFFERENCE * noise_of(fit) / sizes
-        found = rows(list(np.diag(lengths)))
+        acts = np.array([system.w[joint].any(axis=0) for joint in system.joints])
+        directions = Directions.of(robot, acts)
+        found = rows(list(directions.changes(lengths)))
         if found is None:
             return None
         slopes = np.column_stack(
-            [(item - base) / length for item, length in zip(found, lengths, strict=True)]
+            [
+                (found[number] - base) / length
+                for number, length in zip(directions.number, lengths, strict=True)
+            ]
         )
+        for joint, responding in zip(system.joints, directions.joints.T, strict=True):
+            slopes[joint] *= responding
         left, triangle = np.linalg.qr(system.w * (fit.weights[:, None] / sizes))
         middle = left.T @ (slopes * (fit.weights[:, None] / sizes))
         if not np.linalg.cond(middle) < LARGEST_CONDITION:

@@ -244,7 +244,9 @@ def run_to_fixed_point(
         share = share_moved(iterate.system, iterate.fit, rows, origin)
         if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
             return None, count
-        response = Response.at(iterate.system, iterate.fit, rows, origin, loop.projection(iterate))
+        response = Response.at(
+            iterate.system, iterate.fit, rows, origin, loop.job.robot, loop.projection(iterate)
+        )
     except (DidimError, np.linalg.LinAlgError):
         return None, count
     if response is None:
