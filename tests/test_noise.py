@@ -14,7 +14,7 @@ from didim.experiment.specs import SimulationSettings
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.signal.filters import central_differences
-from didim.signal.noise import encoder_step, stamp_noise, white_noise
+from didim.signal.noise import encoder_noise, encoder_step, stamp_noise, white_noise
 from didim.signal.processing import Form
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -36,6 +36,16 @@ def test_a_joint_at_rest_has_the_noise_of_its_encoder() -> None:
     np.testing.assert_allclose(noise, COUNT / np.sqrt(12.0), rtol=0.35)
     still = np.zeros((100, 1))
     assert white_noise(still)[0] > 0.0
+
+
+def test_encoder_noise_includes_rounding_that_fifth_differences_do_not_show() -> None:
+    t = np.arange(500) / 100.0
+    steady = 4.0 * COARSE * np.arange(500.0)
+    q = np.column_stack([np.round(np.sin(np.pi * t) / COARSE) * COARSE, steady])
+    assert white_noise(q)[1] < 1e-3 * COARSE
+    np.testing.assert_allclose(
+        encoder_noise(q), [COARSE / np.sqrt(12.0), 4.0 * COARSE / np.sqrt(12.0)], rtol=0.35
+    )
 
 
 def test_noise_of_time_stamps_grows_with_the_speed_and_that_of_encoders_does_not() -> None:

@@ -310,10 +310,11 @@ def test_rollouts_start_by_themselves_and_a_bad_one_is_left_out(tmp_path: Path) 
     fit = fitted(experiment)
     assert record(fit).kind == "rollouts"
     assert record(fit).blocks == 8
-    for item in fit.evidence:
-        if item.code == "held":
-            assert item.facts["pushed"]
-            assert all(10.0 <= begin < end <= 12.0 for begin, end in item.facts["times"])
+    held = [item for item in fit.evidence if item.code == "held"]
+    assert held
+    for item in held:
+        assert item.facts["pushed"]
+        assert all(10.0 <= begin < end <= 12.0 for begin, end in item.facts["times"])
     found = rows(fit)
     assert found["Fc2"]["value"] == pytest.approx(0.22, rel=0.02)
     assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-4)

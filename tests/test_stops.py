@@ -87,7 +87,7 @@ def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
     assert "(gripper) is held by " + ("the end of its range (1.75)" if ranges else "a contact") in sentence
     drives_are_true(fit, 0.03)
     (at_limit,) = np.nonzero(np.any(r[:, 3:] > 1.85, axis=1))
-    stops = build(experiment, noise=None, threads=None, start=None).stops
+    stops = build(experiment).stops
     assert {item.joint for item in stops} == {3}
     left_out = np.concatenate([np.arange(item.begin, item.end) for item in stops])
     assert np.isin(at_limit[at_limit > 5] + 2, left_out).mean() > 0.8
@@ -102,7 +102,7 @@ def test_free_motion_has_no_word(tmp_path: Path, span: str) -> None:
     """Not even beyond ranges of a file that are too narrow: the joints follow their commands there."""
     file = arm_text() if not span else re.sub(r'range="[^"]*"', f'range="{span}"', arm_text())
     experiment = logged(tmp_path, commands([0.0] * 4), file)
-    problem = build(experiment, noise=None, threads=None, start=None)
+    problem = build(experiment)
     assert not problem.stops
     assert [len(item.q) for item in problem.rollouts] == [1000]
 

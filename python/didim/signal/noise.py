@@ -120,6 +120,26 @@ def encoder_step(q: Array) -> Array:
     return np.array([_grid(column) for column in q.T])
 
 
+def encoder_noise(q: Array) -> Array:
+    """Estimate the noise of each joint's encoder: the `white_noise`, and at least the rounding to its `encoder_step`.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Recorded positions, not filtered (rad or m); more than five samples.
+
+    Returns
+    -------
+    ndarray, shape (n_dof,)
+        Standard deviations in the unit of the positions.
+
+    Notes
+    -----
+    ``test_noise.py`` checks it on quantised motions without noise.
+    """
+    return np.asarray(np.maximum(white_noise(q), encoder_step(q) / math.sqrt(12.0)))
+
+
 def _grid(values: Array) -> float:
     levels = np.unique(values)
     scale = max(float(np.ptp(levels)), np.abs(levels).max(initial=0.0))

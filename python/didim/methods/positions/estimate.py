@@ -38,8 +38,8 @@ from .intervals import (
     per_step,
     widened,
 )
-from .knowledge import Held, told_together, untold, weak_pairs
-from .laws import search_of_either_friction, searched, with_what_is_no_push, without_pushes
+from .knowledge import Held, by_sentence, unidentified, weak_pairs
+from .laws import search_of_either_friction, searched, with_explained_stretches, without_pushes
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, normal_of
 from .stops import findings_of
@@ -82,7 +82,7 @@ def identify_positions(
         raise FitError(f"{experiment.name}: all parameters are fixed or dropped")
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
     before = problem.joint_errors(now.errors)
-    held = untold(problem, now, strict=True)
+    held = unidentified(problem, now, strict=True)
     options: dict[str, Any] = {
         "most": method.max_iterations or MOST_ITERATIONS,
         "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
@@ -98,7 +98,7 @@ def identify_positions(
     problem = rest
     if again:  # pushes hide the law of friction
         problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
-    problem, now = with_what_is_no_push(experiment, method, problem, now, options)
+    problem, now = with_explained_stretches(experiment, method, problem, now, options)
     over = errors_over_noise(problem, now)
     at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
     spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
@@ -354,7 +354,7 @@ def _evidence(
 ) -> tuple[Finding, ...]:
     """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
     findings = []
-    for sentence, items in told_together(problem, held).items():
+    for sentence, items in by_sentence(problem, held).items():
         columns = [problem.columns[item.column] for item in items]
         findings.append(
             said(

@@ -51,11 +51,11 @@ class Held:
     Attributes
     ----------
     column : int
-        Which.
+        Column of the unknown.
     why : {"null", "widened"}
         No effect, or exchangeable with others.
     known : str
-        What is known in its place; the sentence without its joint.
+        Sentence on what is known in its place, without its joint.
     """
 
     column: int
@@ -72,15 +72,17 @@ def widening(a: Array, use: NDArray[np.intp]) -> tuple[Array, Array]:
     return np.sqrt(np.diag(inverse)), inverse
 
 
-def untold(problem: Problem, now: Search, *, strict: bool = False, error: float | None = None) -> list[Held]:
+def unidentified(
+    problem: Problem, now: Search, *, strict: bool = False, error: float | None = None
+) -> list[Held]:
     """Return unknowns that the log does not identify, worst first.
 
     Parameters
     ----------
     problem, now : Problem, Search
-        Where the derivatives stand.
+        Errors and derivatives at an estimate.
     strict : bool
-        Only what is beyond doubt: before a search the derivatives are those of other parameters.
+        Return only those beyond doubt: before a search the derivatives are those of other parameters.
     error : float, optional
         Error (rad or m, rms) that an effect is compared with; that of the search by default.
     """
@@ -125,7 +127,7 @@ def untold(problem: Problem, now: Search, *, strict: bool = False, error: float 
 def _excess(
     problem: Problem, column: Column, f: float, square: float, rows: int, error: float, strict: bool
 ) -> float:
-    """Return the uncertainty of each unknown over its limit: above 1 it is held."""
+    """Return how far an unknown is beyond the limits of identifiable ones: above 1 it is held."""
     if strict or not column.of_drive or f < ALONE.get(column.kind, USUALLY_ALONE):
         return float(f / SINGULAR)
     (rate, *_) = (item.rate_hz for item in problem.rollouts)
@@ -224,7 +226,7 @@ def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
     return f"{column.kind} moves the robot as {kinds} do; {held}"
 
 
-def told_together(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
+def by_sentence(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
     """Return the fixed unknowns by sentence, with joints of equal sentences together."""
     groups: dict[str, list[Held]] = {}
     for item in sorted(held, key=lambda item: item.column):

@@ -1,4 +1,4 @@
-"""Search with what the log does not identify held, and with friction as a smooth sign or as MuJoCo has it.
+"""Search with unknowns held that the log does not identify, and with friction as a smooth sign or as MuJoCo has it.
 
 Tested in ``tests/test_positions.py`` and ``tests/test_in_mujoco.py``.
 """
@@ -14,8 +14,8 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...result.status import Status
-from ...signal.noise import encoder_step, white_noise
-from .knowledge import Held, untold
+from ...signal.noise import encoder_noise
+from .knowledge import Held, unidentified
 from .problem import Problem, build
 from .search import Search, begun, bounded_step, normal_of, search
 from .stops import STRONGEST, Stop, pushed_stretches
@@ -34,11 +34,11 @@ ROUGH = 1e-2
 def searched(
     problem: Problem, now: Search, held: list[Held], options: dict[str, Any]
 ) -> tuple[Search, list[Held]]:
-    """Search; hold what the log turns out not to tell, at its start, and search on."""
+    """Search; hold unknowns that the log turns out not to identify at their starts, and search again."""
     now.free[[item.column for item in held]] = False
     now = search(problem, now, **options)
     while now.status.converged:
-        more = untold(problem, now)
+        more = unidentified(problem, now)
         if not more:
             break
         held = [*held, *more]
@@ -68,9 +68,7 @@ def search_of_either_friction(
     if now.status is Status.STOPPED:
         return problem, now, held, shift
     pushed = [item for item in problem.stops if item.pushed]
-    rival = build(
-        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=True, pushed=pushed
-    )
+    rival = _built(experiment, method, soft=True, pushed=pushed)
     rival.n_simulations = problem.n_simulations
     try:
         start = begun(rival, now.theta, now.free.copy(), now)
@@ -84,7 +82,7 @@ def search_of_either_friction(
             "friction as MuJoCo has it promises smaller errors; the search goes on with it"
         )
         start.free[:] = True
-        found, held_there = searched(rival, start, untold(rival, start, strict=True), options)
+        found, held_there = searched(rival, start, unidentified(rival, start, strict=True), options)
         problem.n_simulations = rival.n_simulations
         shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
         if found.cost < now.cost:
@@ -106,21 +104,22 @@ def without_pushes(
     return problem, now
 
 
-def with_what_is_no_push(
+def with_explained_stretches(
     experiment: Experiment, method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
 ) -> tuple[Problem, Search]:
-    """Search again with the stretches that the estimate explains after all: a push that is still fitted makes errors elsewhere."""
+    """Search again with the stretches that the estimate explains after all.
+
+    A push that is still fitted causes errors in other stretches too, which were left out for them.
+    """
     pushed = [item for item in problem.stops if item.pushed]
     if not pushed or not now.status.converged:
         return problem, now
-    whole = build(
-        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=bool(problem.inertia)
-    )
+    whole = _built(experiment, method, soft=bool(problem.inertia))
     seen = _pushed(whole, whole.errors(now.theta), 0.0)
-    kept = [item for item in pushed if any(item.meets(other) for other in seen)]
-    if len(kept) == len(pushed):
+    unexplained = [item for item in pushed if any(item.meets(other) for other in seen)]
+    if len(unexplained) == len(pushed):
         return problem, now
-    return _without(experiment, method, problem, now, kept, options)
+    return _without(experiment, method, problem, now, unexplained, options)
 
 
 def _without(
@@ -133,18 +132,25 @@ def _without(
 ) -> tuple[Problem, Search]:
     """Search again without stretches; the same problem and search if too little would be left."""
     try:
-        rest = build(
-            experiment, noise=method.noise, threads=method.threads, start=method.start, soft=bool(problem.inertia),
-            pushed=pushed,
-        )  # fmt: skip
+        rest = _built(experiment, method, soft=bool(problem.inertia), pushed=pushed)
     except FitError:
         return problem, now
     rest.n_simulations = problem.n_simulations
-    options["reporter"].say(f"{len(pushed)} stretches in which something pushes a joint are left out")
+    options["reporter"].say(f"stretches left out because something pushes a joint: {len(pushed)}")
     return rest, search(rest, begun(rest, now.theta, now.free, now), **options)
 
 
+def _built(
+    experiment: Experiment, method: CLOESettings, *, soft: bool, pushed: Sequence[Stop] = ()
+) -> Problem:
+    """Return the problem of an experiment with the settings of a method."""
+    return build(
+        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=soft, pushed=pushed
+    )
+
+
 def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list[Stop]:
+    """Return the stretches in which errors of the rollouts show that something pushes a joint."""
     found = []
     for limb, part in enumerate(problem.limbs):
         at = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
@@ -152,14 +158,9 @@ def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list
         for place, joint in enumerate(part.joints):
             own = [errors[k].reshape(-1, len(part.joints))[:, place] for k in at]
             ahead = [(item.loop.held.values - item.q)[item.first :, place] for item in items]
-            noise = [_noise(item.q[:, place : place + 1]) for item in items]
+            noise = [float(encoder_noise(item.q[:, place : place + 1])[0]) for item in items]
             stretches = pushed_stretches(own, ahead, noise, [item.rate_hz for item in items], strongest)
             for item, pairs in zip(items, stretches, strict=True):
                 begin = item.begin + item.first
                 found += [Stop(joint, item.recording, begin + a, begin + b, None, True) for a, b in pairs]
     return found
-
-
-def _noise(q: Array) -> float:
-    """Return the noise of an encoder (rad or m) along measured positions, (n_samples, 1), its rounding included."""
-    return float(np.maximum(white_noise(q), encoder_step(q) / np.sqrt(12.0))[0])

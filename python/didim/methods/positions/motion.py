@@ -21,7 +21,7 @@ from ...experiment.experiment import Experiment
 from ...log.recording import Recording
 from ...model.dynamics import inertia_matrix
 from .columns import Values, file_values
-from .knowledge import told_together, untold, widening
+from .knowledge import by_sentence, unidentified, widening
 from .problem import Problem, build
 from .search import begun, normal_of
 
@@ -61,8 +61,8 @@ class PositionMotion:
         Mean logarithm of the widths of the intervals by family, the best motion of each.
     bandwidth_hz : (n_dof,) array
         Bandwidth of the loop of each joint.
-    untold : tuple of str
-        What this motion leaves untold, in sentences.
+    unidentified : tuple of str
+        Sentences on the unknowns that this motion does not identify.
     """
 
     name: str
@@ -72,7 +72,7 @@ class PositionMotion:
     joint_names: tuple[str, ...]
     widths: dict[str, float]
     bandwidth_hz: Array
-    untold: tuple[str, ...]
+    unidentified: tuple[str, ...]
 
     def __str__(self) -> str:
         best = self.widths[self.family]
@@ -86,7 +86,7 @@ class PositionMotion:
             f"intervals of the others are wider, in the geometric mean: {others} times",
             f"bandwidths of the loops (Hz): {'  '.join(f'{value:.2g}' for value in self.bandwidth_hz)}",
         ]
-        return "\n".join([*lines, *(f"- {text}" for text in self.untold)])
+        return "\n".join([*lines, *(f"- {text}" for text in self.unidentified)])
 
     def save(self, path: Path) -> None:
         """Write a table of times (s) and commanded positions (rad or m) as CSV.
@@ -217,7 +217,7 @@ def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
     measured = q
     for _ in range(2):
         recording = Recording.from_arrays(measured, rate_hz=rate, q_ref=q, name="motion")
-        problem = build(replace(experiment, recordings=(recording,)), noise=None, threads=None, start=None)
+        problem = build(replace(experiment, recordings=(recording,)))
         measured = measured.copy()
         for rollout in problem.rollouts:
             found, _ = problem.positions(rollout, problem.start[None])
@@ -226,9 +226,9 @@ def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
 
 
 def _width(problem: Problem) -> tuple[float, tuple[str, ...]]:
-    """Return the mean logarithm of the widths of the unknowns for equal errors, and what the motion leaves untold."""
+    """Return the mean logarithm of widths of unknowns for equal errors, and sentences on unidentified ones."""
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    sentences = tuple(told_together(problem, untold(problem, now, error=MODEL_ERROR)))
+    sentences = tuple(by_sentence(problem, unidentified(problem, now, error=MODEL_ERROR)))
     a, _ = normal_of(problem, now.errors, now.blocks)
     steps = np.array([column.step for column in problem.columns])
     use = np.flatnonzero(np.diag(a) > 0.0)

@@ -225,9 +225,9 @@ class Problem:
 def build(
     experiment: Experiment,
     *,
-    noise: Sequence[float] | None,
-    threads: int | None,
-    start: object,
+    noise: Sequence[float] | None = None,
+    threads: int | None = None,
+    start: object = None,
     soft: bool = False,
     pushed: Sequence[Stop] = (),
 ) -> Problem:

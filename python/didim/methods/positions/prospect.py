@@ -13,8 +13,8 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import series
 from ...experiment.experiment import Experiment
-from ...signal.noise import encoder_step, white_noise
-from .knowledge import told_together, untold, where_of, widening
+from ...signal.noise import encoder_noise
+from .knowledge import by_sentence, unidentified, where_of, widening
 from .problem import Problem, build
 from .search import Search, begun, normal_of
 from .stops import findings_of
@@ -50,16 +50,16 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
     DidimError
         One of its kinds, for an experiment that cannot be fitted.
     """
-    problem = build(experiment, noise=None, threads=None, start=None)
+    problem = build(experiment)
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
     found = [
         Lack(item.sentence, "Log the joint moving freely, or go on without these stretches", item.joints)
         for item in findings_of(experiment, problem.stops)
     ]
     said = []
-    held = untold(problem, now, error=MODEL_ERROR)
+    held = unidentified(problem, now, error=MODEL_ERROR)
     now.free[[item.column for item in held]] = False
-    for sentence, items in told_together(problem, held).items():
+    for sentence, items in by_sentence(problem, held).items():
         joints = {joint + 1 for item in items for joint in problem.columns[item.column].joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
         found.append(Lack(sentence, advice, tuple(sorted(joints))))
@@ -85,7 +85,7 @@ def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:
     use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
     f, _ = widening(a, use)
     (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
-    noise = np.maximum(white_noise(recording.q), encoder_step(recording.q) / np.sqrt(12.0))
+    noise = encoder_noise(recording.q)
     lasting = MODEL_ERROR**2 * max(1.0, LASTS_S * recording.rate_hz)
     error = np.sqrt([np.mean(noise[list(problem.columns[k].joints)] ** 2) + lasting for k in use])
     # Where the file has zero, what would move the joint as much as its inertia or its servo does.

@@ -93,7 +93,7 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     record = PositionRecord.of(fit.settings)
     soft = record is not None and record.soft
     pushed = pushed_of(fit, experiment)
-    problem = build(experiment, noise=None, threads=None, start=None, soft=soft, pushed=pushed)
+    problem = build(experiment, soft=soft, pushed=pushed)
     values = dict(zip(fit.names, fit.beta, strict=True))
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
