@@ -90,6 +90,14 @@ def test_a_wrong_closed_loop_is_named(sound: dict[str, Log], title: str) -> None
     assert reason.grade == "wrong"
 
 
+def test_a_torque_fed_forward_is_that_of_the_measured_motion() -> None:
+    """The parameters of DIDIM under the wrong law explain it worse than gains ten times too high do."""
+    arm = INDEPENDENT["tx40-like"]
+    (fault,) = [item for item in faults(arm) if item.name == "missing feed-forward"]
+    fit = didim.identify(planted(built(arm, fault, motion=500), fault, 500), didim.DIDIM())
+    assert fit.verdict.grave[0].code == "feed-forward"
+
+
 def test_a_right_closed_loop_is_recovered(sound: dict[str, Log]) -> None:
     for log in sound.values():
         experiment = log.noisy(2, 0.02)

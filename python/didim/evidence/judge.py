@@ -101,16 +101,19 @@ def judged(
     """
     # CLOE from positions alone has no use for torques.
     findings = constant_torque_findings(experiment) if uses_torques else []
+    of_fit = [item for item in experiment.recordings if item.role == "fit"]
+    along = by_law if measured is None else measured
+    rows = None if along is None else _rows(along, of_fit)
     if fit.n_simulations:
-        findings += loop_findings(experiment, fit.parameters if fit.converged else None)
+        findings += loop_findings(
+            experiment, _fed_forward(fit, experiment, rows if along is measured else None)
+        )
         findings += _simulated(fit, experiment, measured, bool(findings) or not system_tested)
     findings += held_out_findings(fit)
     uses: list[Use] = []
-    along = by_law if measured is None else measured
     if along is not None:
-        of_fit = [item for item in experiment.recordings if item.role == "fit"]
         fit, findings, uses = _along(
-            along, by_law, fit, findings, of_fit, system_tested=system_tested, say=say
+            along, by_law, fit, findings, rows, of_fit, system_tested=system_tested, say=say
         )
     return replace(fit, evidence=(*findings, *fit.evidence), uses=tuple(uses))
 
@@ -120,6 +123,7 @@ def _along(
     by_law: Measured | None,
     fit: Identification,
     findings: list[Finding],
+    rows: LogRows | None,
     fitted: Sequence[Recording],
     *,
     system_tested: bool,
@@ -133,7 +137,6 @@ def _along(
     residual = _residual(measured, fit)
     if residual is None:
         return fit, findings, []
-    rows = _rows(measured, fitted)
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
@@ -166,6 +169,17 @@ def _along(
         findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
     uses, untold = uses_of(measured.robot, fit, parts, residual, signal, growth)
     return fit, [*findings, *untold], uses
+
+
+def _fed_forward(fit: Identification, experiment: Experiment, rows: LogRows | None) -> Array | None:
+    """Return the standard parameters of a torque that a controller may have fed forward, (n_parameters,); None without any.
+
+    Those of IDIM-LS where there are measured torques and no friction by load: what a wrong controller does to a simulated robot is
+    in those of the fit.
+    """
+    if rows is not None and rows.robot.parameter_names == experiment.robot.parameter_names:
+        return rows.robot.base_parameters.lift(rows.beta)
+    return fit.parameters if fit.converged else None
 
 
 def _rows(measured: Measured, fitted: Sequence[Recording] = ()) -> LogRows | None:
