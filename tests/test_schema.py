@@ -81,6 +81,16 @@ def test_declared_keys_have_their_bounds(content: dict[str, Any], message: str) 
         found.spread("gains", 2) if "gains" in content else found.given()
 
 
+def test_errors_of_what_a_table_makes_are_those_of_the_table() -> None:
+    assert table().checked(lambda: 3) == 3
+
+    def refused() -> None:
+        raise RobotError("no")
+
+    with pytest.raises(ExperimentError, match=r"^emps\.toml: \[signal\] no$"):
+        table().checked(refused)
+
+
 def test_defaults_stand_for_absent_keys_only() -> None:
     found = table()
     assert found.number("x", 1.5) == 1.5

@@ -31,6 +31,7 @@ _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST_KEY + 1}}}""")
 
 _Default = TypeVar("_Default")
+_Made = TypeVar("_Made")
 
 
 def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
@@ -121,6 +122,13 @@ class Table:
     def fail(self, text: str) -> NoReturn:
         """Raise this table's error, with file and table as prefix."""
         raise self._error(f"{self.prefix} {text}")
+
+    def checked(self, make: Callable[[], _Made]) -> _Made:
+        """Return the object made by `make`, or raise the reason against it as this table's error."""
+        try:
+            return make()
+        except DidimError as reason:
+            raise self._error(f"{self.prefix} {reason}") from None
 
     @property
     def prefix(self) -> str:

@@ -86,10 +86,7 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
     found["capsules"] = read_capsules(table.tables("collision"), robot.n_dof)
     found["friction"] = table.part("friction").content
     table.done()
-    try:
-        return ExcitationSettings(**found)
-    except ExcitationError as error:
-        raise ExcitationError(f"{path.name}: {error}") from None
+    return table.checked(lambda: ExcitationSettings(**found))
 
 
 def _corner(table: Table, key: str) -> tuple[float, float, float] | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -15,7 +16,7 @@ from .._tools.inputs import read_small_file
 from .._tools.keys import declared
 from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
-from ..errors import DidimError, ExperimentError
+from ..errors import ExperimentError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder, expanded
 from ..log.recording import Recording
@@ -249,7 +250,7 @@ def _payloads(table: Table) -> dict[str, Payload]:
     found = {}
     for name in table.content:
         part = table.table(name)
-        found[name] = _told(part, lambda part=part, name=name: read_payload(part, name))  # type: ignore[misc]
+        found[name] = part.checked(partial(read_payload, part, name))
     table.done()
     return found
 
@@ -283,14 +284,7 @@ def _settings(
     """Make settings from a table; errors are prefixed by its name."""
     options = read(table)
     table.done()
-    return _told(table, lambda: make(**options))
-
-
-def _told(table: Table, make: Callable[[], _Settings]) -> _Settings:
-    try:
-        return make()
-    except DidimError as error:
-        raise type(error)(f"{table.prefix} {error}") from None
+    return table.checked(lambda: make(**options))
 
 
 def _delay_keys(table: Table) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from ..model.dynamics import inverse_dynamics
 from ..robot.robot import Robot
 from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
 
-_Made = TypeVar("_Made")
-
-
 FEEDFORWARD_HZ = 1000.0
 """Default rate (Hz) at which the model's torque is fed forward."""
 
@@ -38,9 +35,9 @@ def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
     if between == "held" and kind != "recorded":
         table.fail("between_samples = 'held' is for kind 'recorded'")
     if kind == "fourier":
-        made = _told(table, _fourier(table, robot))
+        made = table.checked(_fourier(table, robot))
     elif kind == "point-to-point":
-        made = _told(table, _point_to_point(table, robot))
+        made = table.checked(_point_to_point(table, robot))
     table.done()
     return ReferenceSpec(kind, made, settings)
 
@@ -148,7 +145,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     table.done()
     recipe = ControllerRecipe(robot, kind, {**gains, **options}, inertia_of, feedforward)
     # A wrong number must fail on loading.
-    _told(table, recipe.plain)
+    table.checked(recipe.plain)
     digital = options["digital"]
     return ControllerSpec(recipe, settings, 0.0 if digital is None else digital.sample_time_s)
 
@@ -245,8 +242,7 @@ def _digital(table: Table, robot: Robot) -> Digital | None:
     steps = joint_values(table, "encoder_resolution", robot, default=0.0)
     fir = table.numbers("velocity_fir")
     sample_time, delay = table.number("sample_time_s"), table.integer("delay_samples")
-    return _told(
-        table,
+    return table.checked(
         lambda: Digital(
             sample_time_s=sample_time, delay_samples=delay, smoothing=tuple(fir), resolution=tuple(steps)
         ),
@@ -294,8 +290,7 @@ def _state(table: Table, robot: Robot) -> ControllerMemory:
     integrators = table.spread("integrators", n)
     outputs, positions = rows("outputs"), rows("positions")
     table.done()
-    return _told(
-        table,
+    return table.checked(
         lambda: ControllerMemory(
             start="integrators", values=tuple(integrators), outputs=outputs, positions=positions
         ),
@@ -332,11 +327,3 @@ def read_measurement(table: Table, robot: Robot) -> Measurement:
     )
     table.done()
     return measurement
-
-
-def _told(table: Table, make: Callable[[], _Made]) -> _Made:
-    """Return the object made by `make`, or raise its error prefixed by the table's name."""
-    try:
-        return make()
-    except DidimError as error:
-        table.fail(str(error))
