@@ -14,7 +14,7 @@ import didim
 import friction_logs
 from didim.errors import FitError
 from didim.methods.friction import FoundFriction
-from didim.regression.friction.candidates import narrowest_memory, untold_memory
+from didim.regression.friction.candidates import joints_without_memory, narrowest_memory
 from didim.regression.friction.choice import FrictionChoice, choose_terms
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
@@ -82,8 +82,8 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     # The encoder's steps must be ten times finer than the memory.
     coarse = choose_terms(job.robot, [part], job.signal, ({}, ()), solved, np.array([0.01, 0.01]))
     assert not any(term.law == "dahl" for term in coarse.friction.terms)
-    assert coarse.untold == {0: pytest.approx(0.1), 1: pytest.approx(0.1)}
-    assert choice.untold == {}
+    assert coarse.without_memory == {0: pytest.approx(0.1), 1: pytest.approx(0.1)}
+    assert choice.without_memory == {}
 
 
 def test_a_slow_log_tells_no_memory_of_small_displacements() -> None:
@@ -95,9 +95,13 @@ def test_a_slow_log_tells_no_memory_of_small_displacements() -> None:
     )
     # Twenty times the step in time: a joint goes on four hundred times as far before the next sample.
     np.testing.assert_allclose(slow, 400.0 * fine, rtol=0.3)
-    assert set(untold_memory(planar(), slow.tolist())) == {0, 1}
+    assert set(joints_without_memory(planar(), slow.tolist())) == {0, 1}
     choice = FrictionChoice(
-        friction=planar().friction, velocities=(), held_out_before=0.1, held_out_after=0.1, untold={1: 0.0153}
+        friction=planar().friction,
+        velocities=(),
+        held_out_before=0.1,
+        held_out_after=0.1,
+        without_memory={1: 0.0153},
     )
     (_, sentence) = FoundFriction((), choice).remarks()
     assert sentence.startswith(

@@ -16,7 +16,7 @@ from ..evidence.rows import LogRows
 from ..model.dynamics import regressor
 from ..result.finding import Finding, said
 
-UNTOLD = 0.1
+UNCERTAIN_SHARE = 0.1
 """Torque uncertainty on a rich motion due to one parameter, as a share of the joint's torque, from which it is reported. Logs
 of a good motion have 0.01 (simulated) to 0.05 (measured), a joint at rest 0.1 to 10 000."""
 RESTING = 0.02
@@ -43,8 +43,8 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
     sigma = np.maximum(np.sqrt(rows.products.seen() / rows.y.shape[1]), SMALLEST_SHARE * torque)
     information = np.tensordot(1.0 / sigma**2, rows.products.g.sum(axis=1), 1)
     shares = _shares(rows, q, (fastest, hardest), torque, information * (n_rows / rows.y.shape[1]))
-    untold = tuple(rows.names[k] for k in np.flatnonzero(shares > UNTOLD))
-    if not untold:
+    uncertain = tuple(rows.names[k] for k in np.flatnonzero(shares > UNCERTAIN_SHARE))
+    if not uncertain:
         return []
     if len(resting):
         ranges = np.ptp(q[:, resting], axis=0)
@@ -54,17 +54,18 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
         sentence = (
             f"{joints_text(resting)} hardly {moves} (through {shown} {units}), so this log does not identify "
         )
-        sentence += ", ".join(untold)
+        sentence += ", ".join(uncertain)
         advice = "Record a motion in which every joint moves, or drop these parameters under [parameters]"
         advice += "; if the joint did move, its encoder is dead" if 0.0 in ranges else ""
     else:
         values = np.linalg.eigvalsh(information / np.sqrt(np.outer(*[np.diag(information)] * 2)))
         with np.errstate(over="ignore"):  # infinite for a direction that the log does not identify
             condition = float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))
-        sentence = f"this log does not separate {', '.join(untold)} from others and from noise (condition number {condition:.3g})"
+        names = ", ".join(uncertain)
+        sentence = f"this log does not separate {names} from others and from noise (condition number {condition:.3g})"
         advice = "Record a richer motion (more configurations and speeds), or drop these parameters under [parameters]"
     joints = tuple(int(joint) + 1 for joint in resting)
-    return [said(kind="excitation", sentence=sentence, advice=advice, joints=joints, parameters=untold)]
+    return [said(kind="excitation", sentence=sentence, advice=advice, joints=joints, parameters=uncertain)]
 
 
 def _shares(

@@ -167,8 +167,8 @@ def _along(
     if explicable and by_law_rows is not None and by_law is not None:
         findings = [item for item in findings if item.code != "friction"]
         findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
-    uses, untold = uses_of(measured.robot, fit, parts, residual, signal, growth)
-    return fit, [*findings, *untold], uses
+    uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth)
+    return fit, [*findings, *uncertain], uses
 
 
 def _fed_forward(fit: Identification, experiment: Experiment, rows: LogRows | None) -> Array | None:

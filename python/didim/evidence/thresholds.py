@@ -82,7 +82,7 @@ FEWEST_SPIKES = 1e-3
 """Smallest share of spikes among the samples: a few change no estimate."""
 
 # Uses (`didim.evidence.uses`).
-UNTOLD = 0.3
+UNCERTAIN_SHARE = 0.3
 """Torque uncertainty by the parameters alone along random motions of the log's size, as a share of the torques, from which it
 is reported."""
 KNOWN_PERCENT = 20.0

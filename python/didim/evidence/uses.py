@@ -23,7 +23,7 @@ from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from .residual import Residual
-from .thresholds import KNOWN_PERCENT, UNTOLD
+from .thresholds import KNOWN_PERCENT, UNCERTAIN_SHARE
 
 STATES = 300
 """Number of random states of the motions."""
@@ -159,7 +159,7 @@ def uses_of(
             "twice the standard deviation of a mass on the flange that a log like this one gives",
         ),
     ]
-    return uses, _untold(fit, moving) if known else []
+    return uses, _uncertain(fit, moving) if known else []
 
 
 def _missed(fit: Identification, residual: Residual, growth: float) -> tuple[float, str]:
@@ -178,9 +178,9 @@ def _gravity(still: Spread, missed: float, evidence: str) -> Use:
     return Use("gravity compensation", float(np.hypot(missed / still.torque, still.share)), True, evidence)
 
 
-def _untold(fit: Identification, moving: Spread) -> list[Finding]:
+def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:
     """Return a finding where the uncertainty of the parameters alone makes more of the torques than a user can take."""
-    if not moving.share > UNTOLD:
+    if not moving.share > UNCERTAIN_SHARE:
         return []
     roles = np.array([role == "estimated" for role in fit.roles])
     percent = np.nan_to_num(fit.relative_std_percent, nan=np.inf)

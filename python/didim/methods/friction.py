@@ -48,7 +48,9 @@ class FoundFriction:
         }
         if self.choice is not None:
             record["chosen"] = [asdict(gain) for gain in self.choice.gains]
-            record["untold_memory"] = {str(joint + 1): value for joint, value in self.choice.untold.items()}
+            record["untold_memory"] = {
+                str(joint + 1): value for joint, value in self.choice.without_memory.items()
+            }
             record["held_out_error"] = [self.choice.held_out_before, self.choice.held_out_after]
         return record
 
@@ -66,10 +68,10 @@ class FoundFriction:
                 if self.choice.held_out_before > LARGEST_MISFIT
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
-            if untold := self.choice.untold:
-                joints = joints_text(sorted(untold))
+            if narrowest := self.choice.without_memory:
+                joints = joints_text(sorted(narrowest))
                 sentences.append(
-                    f"memory of friction below {max(untold.values()):.2g} rad or m is not tried at {joints}: "
+                    f"memory of friction below {max(narrowest.values()):.2g} rad or m is not tried at {joints}: "
                     "encoder steps, or motion between samples at reversals, are above a tenth of it"
                 )
         for what, laws in (

@@ -12,11 +12,11 @@ from typing import Any
 from .._tools.words import joints_text, series
 from .words.causes import CAUSES, edit, looks
 
-Told = Any
-"""A `Finding`, whose module imports this one."""
+Finding = Any
+"""The class of `didim.result.finding`, which imports this module."""
 
 
-def sentence_of(finding: Told) -> str:
+def sentence_of(finding: Finding) -> str:
     """Return observation, location and size; without a full stop."""
     if "text" in finding.facts:
         return str(finding.facts["text"])
@@ -25,7 +25,7 @@ def sentence_of(finding: Told) -> str:
     return WORDS[finding.code][0](finding)
 
 
-def advice_of(finding: Told) -> str:
+def advice_of(finding: Finding) -> str:
     """Return the advice; empty if no action is needed."""
     if "text" in finding.facts:
         return str(finding.facts.get("advice", ""))
@@ -51,11 +51,11 @@ def percents(shares: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _joints(finding: Told) -> str:
+def _joints(finding: Finding) -> str:
     return joints_text(joint - 1 for joint in finding.joints)
 
 
-def _cause(finding: Told) -> str:
+def _cause(finding: Finding) -> str:
     facts = finding.facts
     first = looks(finding.code, finding.joints, finding.value, facts)
     text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
@@ -68,7 +68,7 @@ def _cause(finding: Told) -> str:
     )
 
 
-def _cause_advice(finding: Told) -> str:
+def _cause_advice(finding: Finding) -> str:
     facts = finding.facts
     advice = edit(finding.code, finding.joints, finding.value, facts)
     ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
@@ -81,7 +81,7 @@ def _cause_advice(finding: Told) -> str:
 # All other findings: (sentence, advice).
 
 
-def _not_white(f: Told) -> str:
+def _not_white(f: Finding) -> str:
     facts = f.facts
     text = (
         f"the residual of {_joints(f)}, {percents(facts['shares'])} % of the torque, is correlated in time: white-noise sigmas "
@@ -92,32 +92,32 @@ def _not_white(f: Told) -> str:
     return text
 
 
-def _simulated_motion(f: Told) -> str:
+def _simulated_motion(f: Finding) -> str:
     return (
         f"the simulated motion of {_joints(f)} misses {percents(f.facts['missed'])} % of the measured motion, and that of a "
         "right closed loop 0.1 % or less"
     )
 
 
-def _simulated_motion_advice(f: Told) -> str:
+def _simulated_motion_advice(f: Finding) -> str:
     return {
         "made-up": "The controller is made up: raise its natural_frequency_hz, or trust IDIM-LS",
         "measured": "The reference is the measured position: log the real one, or trust IDIM-LS",
     }.get(f.facts["loop"], "Look at [controller] and [reference]; until then trust IDIM-LS")
 
 
-def _left(f: Told) -> str:
+def _left(f: Finding) -> str:
     facts = f.facts
     return (
         f"the declared controller leaves {percent(facts['worst'])} % of the torque of joint {facts['joint']}"
     )
 
 
-def _law(f: Told, text: str) -> str:
+def _law(f: Finding, text: str) -> str:
     return f"{text}: {_left(f)}, and this {percent(f.facts['left'])} % of that"
 
 
-def _controller_gain(f: Told) -> str:
+def _controller_gain(f: Finding) -> str:
     parts = [
         f"{item['name']} of {joints_text(j - 1 for j in item['joints'])} is {between(item['values'], '.3g')} times the "
         "declared one"
@@ -129,23 +129,23 @@ def _controller_gain(f: Told) -> str:
     )
 
 
-def _saturation(f: Told) -> str:
+def _saturation(f: Finding) -> str:
     limits = ", ".join(f"{value:.3g}" for value in f.facts["limits"])
     return _law(f, f"the torque of {_joints(f)} is limited to {limits} (N.m or N), which is not declared")
 
 
-def _value(f: Told) -> float:
+def _value(f: Finding) -> float:
     return 0.0 if f.value is None else f.value
 
 
-def _held_out(f: Told) -> str:
+def _held_out(f: Finding) -> str:
     return (
         f"on recording '{f.recordings[0]}', which was held out, the torques of {_joints(f)} are off by "
         f"{percent(f.facts['share'])} %, {between(f.facts['ratios'])} times as much as on the recordings of the fit"
     )
 
 
-def _delay(f: Told) -> str:
+def _delay(f: Finding) -> str:
     which = f"torque of {_joints(f)} looks" if f.joints else "torques look"
     return (
         f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
@@ -164,7 +164,7 @@ LAWS = {
 """Description of friction laws that a model may lack."""
 
 
-def _friction(f: Told) -> str:
+def _friction(f: Finding) -> str:
     facts = f.facts
     included = (
         "the intervals include that" if facts["included"] else "the intervals are too narrow by as much"
@@ -175,7 +175,7 @@ def _friction(f: Told) -> str:
     )
 
 
-def _friction_advice(f: Told) -> str:
+def _friction_advice(f: Finding) -> str:
     law = f.facts["law"]
     if law == "asymmetric":
         return 'Write model = "asymmetric" under [friction]'
@@ -184,7 +184,7 @@ def _friction_advice(f: Told) -> str:
     return f"Write {terms} under [friction]{smooth}"
 
 
-def _model_error(f: Told) -> str:
+def _model_error(f: Finding) -> str:
     return (
         f"the errors of {_joints(f)} are up to {_value(f):.2g} times the noise: the model is not exact, and intervals "
         + (
@@ -195,7 +195,7 @@ def _model_error(f: Told) -> str:
     )
 
 
-def _held(f: Told) -> str:
+def _held(f: Finding) -> str:
     limits, times, pushed = f.facts["limits"], f.facts["times"], f.facts["pushed"]
     ends = " or ".join(f"{limit:.3g}" for limit in limits)
     by = [
@@ -212,7 +212,7 @@ def _held(f: Told) -> str:
     return f"{f.facts['name']} is held by {' or '.join(by)} {when}: left out, with its limb"
 
 
-def _size(f: Told) -> str:
+def _size(f: Finding) -> str:
     of = "the torques of the servos" if f.facts.get("positions") else "held-out torques, without their noise"
     return (
         f"the model misses {percent(_value(f))} % of {of}"
@@ -224,14 +224,14 @@ def _size(f: Told) -> str:
 _LACKS = "look for what the model lacks (elasticity, a counterbalance, cross-talk)"
 
 
-def _untold(f: Told) -> str:
+def _uncertain(f: Finding) -> str:
     return (
         f"along motions like those of the log the uncertainty of the parameters alone makes {percent(_value(f))} % of the "
         f"torques: {f.facts['count']} of {f.facts['of']} parameters are known to no better than 20 %"
     )
 
 
-def _constant_torque(f: Told) -> str:
+def _constant_torque(f: Finding) -> str:
     if "means" in f.facts:
         means = ", ".join(f"{value:.3g}" for value in f.facts["means"])
         return f"the torque of {_joints(f)} is noise about a constant ({means}) though the joint moves"
@@ -245,7 +245,7 @@ def _constant_torque(f: Told) -> str:
     return f"recording '{f.recordings[0]}': the {torques} constant in all {f.facts['samples']} samples{where}"
 
 
-def _gain_unchecked(f: Told) -> str:
+def _gain_unchecked(f: Finding) -> str:
     one = len(f.joints) == 1
     shares = ", ".join(f"{100.0 * share:.2g}" for share in f.facts["shares"])
     return (
@@ -254,7 +254,7 @@ def _gain_unchecked(f: Told) -> str:
     )
 
 
-def _contradiction(f: Told) -> str:
+def _contradiction(f: Finding) -> str:
     facts = f.facts
     free, held = (f"{percent(facts[key])} %" for key in ("plain", "constrained"))
     if f.grade == "wrong":
@@ -268,11 +268,11 @@ def _contradiction(f: Told) -> str:
     )
 
 
-Words = tuple[Callable[[Told], str], Callable[[Told], str]]
+Words = tuple[Callable[[Finding], str], Callable[[Finding], str]]
 """Functions that write the sentence and the advice of a finding."""
 
 
-def _always(text: str) -> Callable[[Told], str]:
+def _always(text: str) -> Callable[[Finding], str]:
     return lambda finding: text
 
 
@@ -365,7 +365,7 @@ WORDS: dict[str, Words] = {
         ),
     ),
     "unidentified": (
-        _untold,
+        _uncertain,
         _always(
             "Record a richer or longer motion, drop parameters under [parameters], or take physical = true (--physical)"
         ),

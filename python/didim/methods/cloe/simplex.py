@@ -26,7 +26,7 @@ COLLAPSED_SHARE = 1e-4
 """Size of a collapsed simplex, as a share of its first edges and of the initial norm; fminsearch's 1e-4 otherwise."""
 WORTH = 1e-6
 """Relative improvement of the norm below which a restart is the last."""
-TOLD_EVERY = 100
+REPORT_EVERY = 100
 """Iterations between two entries of the history, and between two checkpoints."""
 
 
@@ -69,7 +69,7 @@ class SimplexSearch:
                     f_tolerance=COLLAPSED_SHARE if self.literal else COLLAPSED_SHARE * self.initial,
                     max_iterations=self.most_iterations,
                     max_evaluations=self.most_evaluations,
-                    progress=self._told,
+                    progress=self._report,
                 )
                 self.simplex = simplex
                 ended = collapsed or self.stalled
@@ -166,7 +166,7 @@ class SimplexSearch:
         self.reporter.say(f"restart {self.restarts} from norm {norm:.6g}")
         return True
 
-    def _told(self, now: Simplex) -> bool:
+    def _report(self, now: Simplex) -> bool:
         self.simplex = now
         self.norms.append(float(now.values[0]))
         patience = PATIENCE * now.points.shape[1]
@@ -174,7 +174,7 @@ class SimplexSearch:
             self.stalled = self.norms[-1] > (1.0 - PROGRESS) * self.norms[-1 - patience]
             if self.stalled:
                 return True
-        if now.iterations % TOLD_EVERY and now.iterations + 1 < self.most_iterations:
+        if now.iterations % REPORT_EVERY and now.iterations + 1 < self.most_iterations:
             return False
         made = now.evaluations - self.done_before
         left = (self.most_evaluations - now.evaluations) / max(1, made) * (time.monotonic() - self.begin)

@@ -126,7 +126,7 @@ def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
     return LEAST_STEPS * missed
 
 
-def untold_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int, float]:
+def joints_without_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int, float]:
     """Return the joints, from 0, without candidates of a usual displacement of memory, and the smallest that is one (rad or m)."""
     usual = [START_WIDTH[kind] for kind in robot.joint_kinds]
     return {joint: value for joint, value in enumerate(narrowest) if value > usual[joint]}

@@ -23,7 +23,7 @@ from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
-from .candidates import narrowest_memory, pool_of, untold_memory
+from .candidates import joints_without_memory, narrowest_memory, pool_of
 from .screen import Folds, Move, Screen, clear
 from .velocity import SettledFriction, VelocityEstimate, other_curve, settled
 
@@ -64,7 +64,7 @@ class FrictionChoice:
         The largest gain first.
     held_out_before, held_out_after : float
         Relative error of the held-out blocks without the terms and with them (1 = 100 %).
-    untold : dict
+    without_memory : dict
         Joints, from 0, at which memory of small displacements is no candidate, since encoder or rate are too coarse for it, and
         the smallest displacement that is (rad or m).
     """
@@ -74,7 +74,7 @@ class FrictionChoice:
     gains: tuple[TermGain, ...] = ()
     held_out_before: float
     held_out_after: float
-    untold: dict[int, float] = field(default_factory=dict)
+    without_memory: dict[int, float] = field(default_factory=dict)
 
 
 def choose_terms(
@@ -157,7 +157,7 @@ def choose_terms(
         ),
         held_out_before=before,
         held_out_after=folds.relative_error(trial.system, solve(trial.system)[1]),
-        untold=untold_memory(plain, narrowest.tolist()),
+        without_memory=joints_without_memory(plain, narrowest.tolist()),
     )
 
 
