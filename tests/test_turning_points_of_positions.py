@@ -1,0 +1,128 @@
+"""Judgements of fits to positions alone turn where their documentation says.
+
+The numbers stand here as they are documented, so that one which is doubled or halved is noticed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim.methods.positions.estimate as estimate
+import didim.methods.positions.intervals as of_blocks
+from didim.methods.cloe.cloe import CLOE
+from didim.methods.positions.intervals import errors_over_noise, intervals, per_step
+from didim.methods.positions.knowledge import _excess, widening
+from didim.methods.positions.motion import _motion
+from didim.methods.positions.stops import _pulled, pushed_stretches
+from plain import stub
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize(("noise", "pushed"), [(5.2, False), (4.8, True)])
+def test_a_push_has_twice_the_noise_of_the_encoder(noise: float, pushed: bool) -> None:
+    """Blocks of half a second, here of one sample."""
+    errors = np.ones(40)
+    errors[20] = 10.0
+    (found,) = pushed_stretches([errors], [np.ones(40)], [noise], [2.0], 0.7)
+    assert found == ([(19, 22)] if pushed else [])
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.24, True), (0.26, False)])
+def test_a_joint_follows_by_a_quarter_of_its_pull(share: float, held: bool) -> None:
+    q = share * np.arange(11.0) / 10.0
+    assert _pulled(q, np.ones(11), 10, 0.5).tolist() == [held] * 11
+
+
+def problem_of(monkeypatch: pytest.MonkeyPatch, **facts: object) -> Any:
+    """Return a problem of one unknown whose normal matrix is one, and whose gradient is the sum of its errors."""
+
+    def normal(problem: object, errors: list[Array], blocks: object) -> tuple[Array, Array]:
+        return np.eye(1), np.array([sum(float(e.sum()) for e in errors)])
+
+    monkeypatch.setattr(of_blocks, "normal_of", normal)
+    monkeypatch.setattr(of_blocks, "at_bound", lambda problem, now: np.zeros(1, dtype=bool))
+    return stub(columns=[stub(sigma=np.inf)], **facts)
+
+
+def test_a_simulators_step_is_felt_in_ten_chords(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each here leaves three quarters of a change of one."""
+    problem = problem_of(monkeypatch, errors=lambda theta, lead_s: [0.25 * (theta - 1.0)])
+    now = stub(theta=np.zeros(1), errors=[np.zeros(1)], blocks=None, free=np.ones(1, dtype=bool))
+    assert per_step(problem, now)[0] * 2e-3 == pytest.approx(1.0 - 0.75**10)
+
+
+@pytest.mark.parametrize(("blocks", "known"), [(3, False), (4, True)])
+def test_a_covariance_needs_four_blocks(blocks: int, known: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(of_blocks, "_cuts", lambda problem: ([[np.arange(blocks)]], "rollouts"))
+    monkeypatch.setattr(of_blocks, "_normal_of_blocks", lambda *given: ())
+    monkeypatch.setattr(of_blocks, "_jackknife", lambda *given: np.eye(1))
+    monkeypatch.setattr(of_blocks, "_drift", lambda *given: np.zeros((2, 1)))
+    now = stub(errors=[np.ones(9)], blocks=None, free=np.ones(1, dtype=bool))
+    assert bool(np.isfinite(intervals(problem_of(monkeypatch), now).std).all()) is known
+
+
+def test_an_encoder_has_a_noise_of_a_ten_thousandth() -> None:
+    item = stub(role="fit", limb=0, q=np.zeros((100, 1)))
+    problem = stub(robot=stub(n_dof=1), rollouts=[item], weights=[np.ones(1)], limbs=[stub(joints=(0,))])
+    over = errors_over_noise(problem, stub(errors=[np.full(100, 2e-5)]))
+    assert over.tolist() == pytest.approx([0.2])
+
+
+@pytest.mark.parametrize(("effect", "held"), [(0.8e-4, True), (1.2e-4, False)])
+def test_an_effect_must_exceed_a_ten_thousandth(effect: float, held: bool) -> None:
+    """However small the errors are; the effect of half of kp that no other unknown has."""
+    column = cast(Any, stub(of_drive=True, kind="kp", start=2.0, joints=(0,)))
+    problem = stub(rollouts=[stub(rate_hz=100.0)], limbs=[stub(joints=(0,))])
+    excess = _excess(problem, column, 10.0, 100 * (10.0 * effect) ** 2, 100, 1e-9, False)
+    assert (excess > 1.0) is held
+
+
+def test_exchangeable_unknowns_widen_each_other_by_rounding() -> None:
+    """An eigenvalue of zero counts as 1e-13."""
+    f, _ = widening(np.ones((2, 2)), np.arange(2))
+    assert f == pytest.approx(np.sqrt(0.5e13) * np.ones(2), rel=1e-6)
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(2.9, 0), (3.1, 1)])
+def test_a_joint_unlike_its_siblings(deviations: float, told: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    limbs = [{"joints": [k + 1], "roles": ["knee"]} for k in range(3)]
+    monkeypatch.setattr(estimate, "_limbs", lambda problem: limbs)
+    rows = [
+        {"joints": [k + 1], "kind": "Fv", "by": "log", "unit": "", "value": value, "std": std}
+        for k, (value, std) in enumerate([(1.0, 9.0), (1.0, 9.0), (2.0, 1.0 / deviations)])
+    ]
+    problem = stub(robot=stub(joint_label=lambda joint: f"joint {joint + 1}"))
+    assert len(estimate._unlike(problem, rows)) == told
+
+
+def test_a_search_has_forty_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: dict[str, float] = {}
+
+    def searched(problem: object, now: object, held: object, options: dict[str, float]) -> None:
+        heard.update(options)
+        raise KeyboardInterrupt
+
+    problem = stub(columns=[None], start=None, joint_errors=lambda errors: None)
+    monkeypatch.setattr(estimate, "_check", lambda *given: None)
+    monkeypatch.setattr(estimate, "build", lambda *given, **more: problem)
+    monkeypatch.setattr(estimate, "begun", lambda *given: stub(errors=None, theta=np.zeros(1)))
+    monkeypatch.setattr(estimate, "unidentified", lambda *given, **more: [])
+    monkeypatch.setattr(estimate, "may_be_soft", lambda experiment: False)
+    monkeypatch.setattr(estimate, "searched", searched)
+    with pytest.raises(KeyboardInterrupt):
+        estimate.identify_positions(CLOE(), cast(Any, None), cast(Any, None))
+    assert (heard["most"], heard["tolerance"]) == (40, 1e-4)
+
+
+def test_steps_are_held_for_three_time_constants() -> None:
+    """Of a loop of 1 rad/s: three seconds at least, and nine at most."""
+    bandwidth = np.array([1.0 / (2.0 * np.pi)])
+    q = _motion("steps", 0, np.zeros(1), np.ones(1), bandwidth, 100.0, 200_000)[:, 0]
+    held = 0.01 * np.diff(np.flatnonzero(np.diff(q)))[1:]
+    assert held.min() == pytest.approx(3.0, abs=0.1)
+    assert held.max() == pytest.approx(9.0, abs=0.1)
