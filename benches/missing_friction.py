@@ -1,9 +1,9 @@
 """How often the test for missing friction alarms, and whether intervals hold with the shift that it adds.
 
     python benches/missing_friction.py                          40 logs a row
-    python benches/missing_friction.py --motions 50 --seeds 4   200 logs a row, as in docs/uncertainty.md
+    python benches/missing_friction.py --motions 25 --seeds 2   50 logs a row, as in docs/uncertainty.md
     python benches/missing_friction.py --choice                 the terms that ``auto`` chooses on three arms, and their intervals
-    python benches/missing_friction.py --told [--motions 10]    what the result of IDIM-LS and DIDIM says of closed-loop logs
+    python benches/missing_friction.py --closed-loop            how often IDIM-LS and DIDIM name it on logs of closed loops
 
 Logs of 10 s of a planar arm with 13 base parameters, or of other arms, IDIM-LS; each row has a friction law in the log that the
 model lacks, or none.
@@ -85,10 +85,12 @@ def main() -> None:
     parser.add_argument(
         "--arms", nargs="+", help="planar2, or planar2, tx40 and ur5e-like for --choice; also iiwa14-like"
     )
-    parser.add_argument("--told", action="store_true", help="logs of the closed loop, by IDIM-LS and DIDIM")
+    parser.add_argument(
+        "--closed-loop", action="store_true", help="logs of the closed loop, by IDIM-LS and DIDIM"
+    )
     given = parser.parse_args()
-    if given.told:
-        told(given.motions)
+    if given.closed_loop:
+        closed_loops(given.motions)
         return
     if given.choice:
         choose(given)
@@ -107,7 +109,7 @@ def main() -> None:
                 assert fit.uncertainty is not None
                 assert fit.uncertainty.friction is not None
                 alarm, factor = fit.uncertainty.friction, fit.uncertainty.factor(0.95)
-                plain = np.sqrt(fit.std**2 - alarm.shift**2)
+                plain = fit.uncertainty.without_shift(fit.std)
                 error = np.abs(fit.beta - truth(arm))
                 alarms.append(alarm.raised)
                 names[alarm.law] += alarm.raised
@@ -164,9 +166,9 @@ def planar_loop(seed: int) -> didim.Experiment:
     )
 
 
-def told(motions: int) -> None:
+def closed_loops(motions: int) -> None:
     """Print how many results name missing friction, and whether their intervals hold with its shift and without."""
-    print(f"{'':32}{'logs':>5}{'told':>6}{'95 % before':>13}{'after':>8}")
+    print(f"{'':32}{'logs':>5}{'named':>6}{'95 % before':>13}{'after':>8}")
     methods: tuple[Method, ...] = (didim.IDIMLS(), didim.DIDIM())
     for arm, share, method in itertools.product(("planar2", "tx40"), (0.0, 0.1, 0.2), methods):
         count, before, after = 0, [], []

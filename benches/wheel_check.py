@@ -125,7 +125,7 @@ def unlicensed(wheel: Path) -> list[str]:
     ]
 
 
-def telling(wheel: Path) -> list[str]:
+def naming_folders(wheel: Path) -> list[str]:
     """Return the files of the wheel that name a folder of the machine that built it: the project, or the Rust packages."""
     cargo = os.environ.get("CARGO_HOME", str(Path.home() / ".cargo"))
     folders = [os.fsencode(folder) for folder in (f"{DIST.parent}/", f"{cargo}/registry/")]
@@ -230,9 +230,9 @@ def main() -> int:
     missing = unlicensed(wheel)
     if missing:
         sys.exit(f"the licence of {missing[0]} does not travel with the wheel: python benches/licences.py")
-    naming = telling(wheel)
-    if naming:
-        sys.exit(f"{naming[0]} names a folder of the machine that built the wheel")
+    files = naming_folders(wheel)
+    if files:
+        sys.exit(f"{files[0]} names a folder of the machine that built the wheel")
     for name in options.python:
         check(wheel, Place.named(name))
     return 0

@@ -119,7 +119,7 @@ def test_the_wheel_tells_no_folder_of_its_builder(
 ) -> None:
     monkeypatch.setenv("CARGO_HOME", "/home/who/.cargo")
     texts = {"a.json": f"path+file://{project}/rust", "core": "crates/faer/lib.rs", "METADATA": "/didim"}
-    assert check.telling(wheel_with(tmp_path, **texts)) == ["didim-1.dist-info/a.json"]
-    assert check.telling(wheel_with(tmp_path, core="/home/who/.cargo/registry/src/faer.rs")) == [
+    assert check.naming_folders(wheel_with(tmp_path, **texts)) == ["didim-1.dist-info/a.json"]
+    assert check.naming_folders(wheel_with(tmp_path, core="/home/who/.cargo/registry/src/faer.rs")) == [
         "didim-1.dist-info/core"
     ]
