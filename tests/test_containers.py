@@ -11,12 +11,11 @@ import scipy.io
 from numpy.typing import NDArray
 
 import didim
-from didim._tools.keys import declared
-from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder, expanded
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
+from tables import experiment_table
 from test_recording import FakeRobot
 
 Array = NDArray[np.float64]
@@ -136,9 +135,7 @@ def sources(
 
 
 def read(folder: Path, content: dict[str, Any], robot: FakeRobot = ROBOT) -> Recording:
-    part = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
-        "recording"
-    )[0]
+    part = experiment_table("recording", content)
     return read_recording(part, "run", robot, None, DataFolder(folder))
 
 
@@ -199,9 +196,7 @@ def test_a_star_stands_for_several_recordings(tmp_path: Path) -> None:
     assert didim.load_experiment(tmp_path / "log.toml").recordings[1].name == "session 10"
 
     def refused(**content: Any) -> str:
-        part = Table(
-            {"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")
-        ).tables("recording")[0]
+        part = experiment_table("recording", content)
         with pytest.raises(ExperimentError) as caught:
             expanded(part, "recording 1", tmp_path)
         return str(caught.value)

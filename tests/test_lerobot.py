@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from didim._tools.keys import declared
-from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_file import open_data_file
 from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
 from didim.robot.robot import JointLimits
+from tables import experiment_table
 from test_recording import FakeRobot
 
 FPS = 30
@@ -96,7 +95,7 @@ def sources(**more: Any) -> dict[str, Any]:
 
 
 def read(folder: Path, content: dict[str, Any]) -> Recording:
-    table = Table(content, "arm.toml", ExperimentError, "recording", declared("experiment", "recording"))
+    table = experiment_table("recording", content, "arm.toml")
     return read_recording(table, "recording 1", Arm(), None, DataFolder(folder))
 
 
@@ -154,7 +153,7 @@ def test_wrong_rollouts_are_refused(tmp_path: Path, change: dict[str, Any], mess
 
 def test_percent_needs_limits(tmp_path: Path) -> None:
     dataset(tmp_path / "arm", "v2.1")
-    table = Table(sources(), "arm.toml", ExperimentError, "recording", declared("experiment", "recording"))
+    table = experiment_table("recording", sources(), "arm.toml")
     robot = FakeRobot(joint_names=("shoulder_pan", "gripper"))
     with pytest.raises(ExperimentError, match="unit 'percent' needs the limits of joint 2"):
         read_recording(table, "recording 1", robot, None, DataFolder(tmp_path))

@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import didim
-from didim._tools.keys import declared
-from didim._tools.toml import Table
 from didim.errors import ExperimentError
 from didim.robot.payload import Payload, last_link, moved, read_flange
 from didim.robot.rigid_body import body_pseudo_inertia, inverse, pose, rotation_of, ten_parameters
+from tables import experiment_table
 
 MASS, CENTRE = 2.5, (0.03, -0.02, 0.11)
 INERTIA = (0.02, 0.001, -0.002, 0.025, 0.0005, 0.015)
@@ -98,8 +97,6 @@ def test_payloads_whose_squares_are_infinite_are_refused(key: str, value: Any) -
 
 
 def test_a_flange_whose_squares_are_infinite_is_refused() -> None:
-    table = Table(
-        {"xyz_m": [0.0, -1e300, 0.0]}, "arm.toml", ExperimentError, "flange", declared("experiment", "flange")
-    )
+    table = experiment_table("flange", {"xyz_m": [0.0, -1e300, 0.0]}, "arm.toml")
     with pytest.raises(ExperimentError, match=r"^arm.toml: \[flange\] xyz_m must be at most 1e[+]09"):
         read_flange(table)

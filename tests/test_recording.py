@@ -15,14 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from didim._tools.keys import declared
-from didim._tools.toml import Table
 from didim.errors import DidimError, ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
 from didim.log.data_format import LOST_SAMPLE
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording, read_reduction
 from didim.log.sampling import check_time
+from tables import experiment_table
 
 Array = NDArray[np.float64]
 N = 50
@@ -58,9 +57,7 @@ def read(
     robot: FakeRobot | None = None,
     reduction: Array | None = None,
 ) -> Recording:
-    table = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
-        "recording"
-    )[0]
+    table = experiment_table("recording", content)
     return read_recording(table, "run 1", robot or FakeRobot(), reduction, DataFolder(folder))
 
 
@@ -648,11 +645,9 @@ def test_a_recording_needs_positions_and_a_rate(tmp_path: Path, csv_file: Path) 
     ],
 )
 def test_a_singular_reduction(reduction: list[list[float]], expected: str) -> None:
-    table = Table(
-        {"transmission": {"reduction": reduction}}, "log.toml", ExperimentError, keys=declared("experiment")
-    )
+    table = experiment_table("transmission", {"reduction": reduction})
     with pytest.raises(ExperimentError) as caught:
-        read_reduction(table.table("transmission"), None, 2)
+        read_reduction(table, None, 2)
     assert str(caught.value) == f"log.toml: [transmission] reduction is singular: {expected}"
 
 

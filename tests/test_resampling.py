@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from didim._tools.keys import declared
-from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
 from didim.log.resampling import resampling
+from tables import experiment_table
 from test_recording import FakeRobot
 
 Array = NDArray[np.float64]
@@ -102,9 +101,7 @@ def described(folder: Path, time: dict[str, Any], **keys: Any) -> Recording:
         "torque": {**part, "columns": [6, 7], "unit": "N.m", "scale": [2.0, 0.5], "sign": [1, -1]},
         **keys,
     }
-    table = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
-        "recording"
-    )[0]
+    table = experiment_table("recording", content)
     return read_recording(table, "run", FakeRobot(), None, DataFolder(folder))
 
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from didim._tools.keys import Key, Keys
+from didim._tools.keys import Keys
 from didim._tools.toml import Table, read_toml
 from didim.errors import ExperimentError, RobotError
+from tables import row
 
 
 def table(**content: Any) -> Table:
@@ -29,10 +30,6 @@ def test_values_come_out_typed() -> None:
     assert found.texts("words") == ["u", "v"]
     assert found.matrix("m", 2, 2) == [[1.0, 0.0], [0.0, 1.0]]
     found.done()
-
-
-def row(name: str, type: str, **more: Any) -> Key:
-    return Key(name=name, type=type, meaning="A key.", **more)
 
 
 ROWS = (

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from didim._tools.keys import Key, Keys
+from didim._tools.keys import Keys
 from didim._tools.settings import check_declared, one_of, positive, share, whole
 from didim.errors import FitError
+from tables import row
 
 
 def test_what_is_taken() -> None:
@@ -51,10 +52,6 @@ def test_what_is_taken() -> None:
 def test_what_is_refused(check: Callable[[], Any], message: str) -> None:
     with pytest.raises(FitError, match=rf"^{re.escape(message)}$"):
         check()
-
-
-def row(name: str, type: str, **more: Any) -> Key:
-    return Key(name=name, type=type, meaning="A key.", **more)
 
 
 DECLARED = Keys(
