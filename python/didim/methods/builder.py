@@ -37,7 +37,8 @@ from ..signal.noise import encoder_step
 from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
 from .method import Described
-from .uncertainty import spread_of_fit, with_alarm
+from .rounding import rounding_shift
+from .uncertainty import spread_of_fit, with_shifts
 
 CLEAR_MASS = 3.0
 """Mass of a load, in its standard deviations, below which the finding is a note only: 0.05 +- 0.04 kg need not be declared."""
@@ -211,6 +212,7 @@ def _split(
             uncertainty,
             std_white=uncertainty.std_white[:b],
             deletions=uncertainty.deletions[:, :b],
+            rounding=uncertainty.rounding[:b],
             single_block={key: value for key, value in uncertainty.single_block.items() if key in names},
         )
     used = {item.payload for item in job.experiment.recordings}
@@ -240,7 +242,9 @@ def fitted(
     job, converged = run.job, run.status.converged
     spread = spread_of_fit(system, fit, job.settings, job.selection)
     if parts and converged:
-        spread = with_alarm(spread, _friction(run, system, fit, parts), job.selection)
+        steps = _encoder_steps(run, parts)
+        alarm = _friction(run, system, fit, parts, steps)
+        spread = with_shifts(spread, alarm, rounding_shift(job, fit, parts, run.delay, steps), job.selection)
     errors = TorqueErrors.of(system, fit.residual)
     lasting = whiteness_findings(
         whiteness(fit.residual, system.blocks, len(system.joints)),
@@ -268,7 +272,17 @@ def fitted(
     )
 
 
-def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]) -> FrictionAlarm:
+def _encoder_steps(run: Run, parts: Sequence[Segment]) -> dict[int, Array]:
+    """Return the steps of the encoders in each recording, (n_dof,) (rad or m); none along simulated motion."""
+    if run.method.motion != "measured":
+        return {}
+    recordings = run.job.experiment.recordings
+    return {k: encoder_step(recordings[k].measured_positions()) for k in {part.recording for part in parts}}
+
+
+def _friction(
+    run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], steps: Mapping[int, Array]
+) -> FrictionAlarm:
     """Test the residual of a fit for friction that the model lacks."""
     job = run.job
     x = job.parameters.lift(job.selection.expand(fit.solution))
@@ -277,12 +291,8 @@ def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
         rigid_torque(job.robot, part.q, part.dq, part.ddq, values)
         for part, values in zip(parts, standard, strict=True)
     ]
-    step, errors = None, []
-    if run.method.motion == "measured":
-        errors = sampling_errors(job.robot, parts, standard, load)
-        recorded = {part.recording for part in parts}
-        steps = [encoder_step(job.experiment.recordings[number].measured_positions()) for number in recorded]
-        step = np.max(steps, axis=0)
+    errors = sampling_errors(job.robot, parts, standard, load) if steps else []
+    step = np.max(list(steps.values()), axis=0) if steps else None
     return friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
 
 

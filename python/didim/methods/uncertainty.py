@@ -178,18 +178,18 @@ def spread_of_factors(
     )
 
 
-def with_alarm(spread: Spread, alarm: FrictionAlarm, selection: Selection) -> Spread:
-    """Return a spread that includes missing friction and what a choice of laws left open.
+def with_shifts(spread: Spread, alarm: FrictionAlarm, rounding: Array, selection: Selection) -> Spread:
+    """Return a spread that includes missing friction, what a choice of laws left open, and the steps of the encoders.
 
-    It is ``s^2 = s_jackknife^2 + shift^2`` with unchanged correlations. Other kinds of uncertainty were requested explicitly and do
-    not change.
+    It is ``s^2 = s_jackknife^2 + alarm.shift^2 + rounding^2`` with unchanged correlations. Other kinds of uncertainty were
+    requested explicitly and do not change. `rounding` are the changes of the estimated parameters, (n_estimated,).
     """
     if spread.uncertainty is None:
         return spread
-    shift = np.zeros(len(selection.roles))
-    shift[selection.estimated] = alarm.shift
-    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shift))
-    if uncertainty.kind != "jackknife" or not alarm.shift.any():
+    shifts = np.zeros((2, len(selection.roles)))
+    shifts[:, selection.estimated] = alarm.shift, rounding
+    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shifts[0]), rounding=shifts[1])
+    if uncertainty.kind != "jackknife" or not shifts.any():
         return replace(spread, uncertainty=uncertainty)
-    variances = np.diag(spread.covariance) + alarm.shift**2
+    variances = np.diag(spread.covariance) + alarm.shift**2 + rounding**2
     return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))

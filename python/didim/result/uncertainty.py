@@ -21,6 +21,9 @@ Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 correlation of a closed-loop output-error method's errors, or draws of the estimate with its standard deviations, each projected
 to the nearest robot."""
 
+CLEAR_ROUNDING = 1.0
+"""Shift by the steps of the encoders, in standard deviations of the noise, from which a printed result mentions it: the noise
+then is no longer the larger error."""
 
 LAWS = {
     "stribeck": "Stribeck friction",
@@ -80,6 +83,9 @@ class Uncertainty(Pickled):
     friction : FrictionAlarm or None
         Whether the residual contains friction that the model lacks; the standard deviations then include the resulting shift.
         None if not tested.
+    rounding : ndarray, shape (b,)
+        Change of each parameter, in its unit, by the steps of the encoders, which the standard deviations of the jackknife include;
+        empty if not tested, zero where no steps are seen.
     """
 
     kind: Kind
@@ -90,9 +96,10 @@ class Uncertainty(Pickled):
     deletions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     single_block: Mapping[str, int] = field(default_factory=dict)
     friction: FrictionAlarm | None = None
+    rounding: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for key in ("std_white", "joint_std", "deletions"):
+        for key in ("std_white", "joint_std", "deletions", "rounding"):
             values = np.array(getattr(self, key), dtype=np.float64)
             values.flags.writeable = False
             object.__setattr__(self, key, values)
@@ -109,15 +116,16 @@ class Uncertainty(Pickled):
         return student_factor(level, self.degrees_of_freedom)
 
     def without_shift(self, std: Array) -> Array:
-        """Return standard deviations, shape (b,), of the noise alone, without the shift by missing friction.
+        """Return standard deviations, shape (b,), of the noise alone, without the shifts by missing friction and encoder steps.
 
         ``test_uncertainty.py`` compares parts of a real log with them.
         """
-        if self.friction is None or self.kind != "jackknife":
+        if self.kind != "jackknife":
             return std
-        return np.asarray(
-            np.sqrt(np.maximum(np.square(std) - np.square(self.friction.shift[: len(std)]), 0.0))
-        )
+        squares = np.square(std)
+        for shift in (self.rounding, np.zeros(0) if self.friction is None else self.friction.shift):
+            squares[: len(shift)] -= np.square(shift[: len(squares)])
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
     def lines(self, std: Array) -> list[str]:
         """Return the lines of a printed result on standard deviations, (b,)."""
@@ -132,7 +140,20 @@ class Uncertainty(Pickled):
             found.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )
-        return [*found, *self._friction_lines(std)]
+        return [*found, *self._rounding_lines(std), *self._friction_lines(std)]
+
+    def _rounding_lines(self, std: Array) -> list[str]:
+        noise = self.without_shift(std)[: len(self.rounding)]
+        moved = np.divide(
+            np.abs(self.rounding[: len(noise)]), noise, out=np.zeros_like(noise), where=noise > 0.0
+        )
+        if moved.max(initial=0.0) < CLEAR_ROUNDING:
+            return []
+        included = "sigma includes this" if self.kind == "jackknife" else "sigma does not include this"
+        return [
+            f"the steps of the encoders move parameters by up to {moved.max():.2g} sigma of the noise, less with a lower cut-off; "
+            + included
+        ]
 
     def _friction_lines(self, std: Array) -> list[str]:
         alarm = self.friction

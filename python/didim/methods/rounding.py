@@ -1,0 +1,105 @@
+r"""How far the steps of the encoders move an estimate along measured motion.
+
+Rounded positions bias velocities and accelerations in every stretch of a log, so neither the jackknife nor the test for missing
+friction sees it. A log like the measured one does, made along its smoothed motion with the estimate, once more rounded:
+
+    q_s = low pass of q,    tau_s = W(q_s) b,    W_r = W(filtered round(q_s)),    b_r - b = W_r^+ (tau_s - W_r b)
+
+Tested in ``tests/test_rounding.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..model.dynamics import inverse_dynamics
+from ..regression.fit import Fit
+from ..regression.linear_system import linear_system
+from ..signal.align import align
+from ..signal.filters import differentiate
+from ..signal.segments import Segment, trimmed
+from .job import Delay, Job, shift
+
+SMOOTHER = 8.0
+"""Divisor of the cut-off for the smoothed motion. Steps of the log must not be left in it; 4 and 16 give the same shifts."""
+
+
+def rounding_shift(
+    job: Job, fit: Fit, parts: Sequence[Segment], delay: Delay, steps: Mapping[int, Array]
+) -> Array:
+    """Return the change of an estimate by the steps of the encoders.
+
+    Parameters
+    ----------
+    job : Job
+        Experiment and settings of the run.
+    fit : Fit
+        Solution of (7) along the measured motion.
+    parts : sequence of Segment
+        Windows of the fit.
+    delay : Delay
+        Compensated delay, which determines the samples of a window.
+    steps : mapping of int to ndarray, shape (n_dof,)
+        By recording, the step of each encoder (rad or m), zero where it is not seen.
+
+    Returns
+    -------
+    ndarray, shape (n_estimated,)
+        Change of each parameter, in its unit; zero without steps. Measured velocities have no steps of positions.
+
+    Notes
+    -----
+    ``test_rounding.py`` compares it with the errors of logs whose truth is known.
+    """
+    seen = {
+        number
+        for number, step in steps.items()
+        if step.any() and job.experiment.recordings[number].dq is None
+    }
+    if not seen:
+        return np.zeros_like(fit.solution)
+    beta = job.selection.expand(fit.solution)
+    x = job.parameters.lift(beta)
+    rounded = [
+        _rounded(job, part, job.parameters.standard(x, part.recording), delay, steps[part.recording])
+        if part.recording in seen
+        else replace(part, tau=_torque(job, part, job.parameters.standard(x, part.recording)))
+        for part in parts
+    ]
+    base = beta[: job.parameters.n_base]
+    system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
+    error, change = system.residual(fit.solution) * fit.weights, np.zeros_like(fit.solution)
+    for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
+        a = matrix * fit.weights[rows, None]
+        size = np.linalg.norm(a, axis=0)
+        size[size == 0.0] = 1.0
+        a /= size
+        # A joint that moves by less than a step has no column; its parameters remain.
+        change[columns] = np.linalg.lstsq(a.T @ a, a.T @ error[rows], rcond=None)[0] / size
+    return change
+
+
+def _torque(job: Job, part: Segment, x: Array) -> Array:
+    """Return the torques of the model along a window."""
+    return inverse_dynamics(job.robot, part.q, part.dq, part.ddq, x)
+
+
+def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Segment:
+    """Return a window of the smoothed and rounded log, with the same samples as the measured one."""
+    recording, signal = job.experiment.recordings[part.recording], job.signal
+    rate = recording.rate_hz
+    cutoff = 0.5 * rate if signal.cutoff_hz is None else signal.cutoff_hz
+    smoother = replace(signal, cutoff_hz=cutoff / SMOOTHER, form="sections")
+    start, stop = recording.windows[part.window]
+    smooth = differentiate(recording.measured_positions()[start:stop], rate, smoother)
+    grid = np.where(step > 0.0, step, 1.0)
+    q = np.where(step > 0.0, np.round(smooth[0] / grid) * grid, smooth[0])
+    tau = inverse_dynamics(job.robot, *smooth, x)
+    # The torque is that of its sample, so it is cut with the motion instead of being moved.
+    (*motion, torque), _ = align((*differentiate(q, rate, signal), tau), tau, shift(delay, rate))
+    made = trimmed(recording, part.place, signal, motion, torque)
+    return replace(made, recording=part.recording, window=part.window)
