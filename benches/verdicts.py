@@ -142,7 +142,9 @@ def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
         )
         simulation = replace(packaged.simulation, rate_hz=rate_hz)
         packaged = replace(packaged, signal=signal, simulation=simulation, reference=tx40_motion(motion))
-        return simulated_log(packaged, packaged.robot.parameter_set("didim"), noise=False, refinement=1)
+        return simulated_log(
+            packaged, packaged.robot.parameter_set("didim_physical"), noise=False, refinement=1
+        )
     from arm import arm_log
 
     return arm_log(motion, rate_hz=rate_hz)
