@@ -5,25 +5,37 @@ The numbers stand here as they are documented, so that one which is doubled or h
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import didim
 import didim.regression.consistent.nearest as nearest
+import didim.regression.friction.alarm as alarm
+import didim.regression.friction.screen as screen
+import didim.regression.friction.velocity as velocity
+import didim.regression.gains.maximum_likelihood as maximum_likelihood
 from didim.regression.block import Block, stacked
 from didim.regression.classical.instrumental import instrumented
-from didim.regression.consistent.prior import Prior
+from didim.regression.consistent.prior import Prior, generic_prior
+from didim.regression.consistent.solver import _inflation
+from didim.regression.delay import _Search
 from didim.regression.friction.candidates import _offers
-from didim.regression.friction.screen import _Fold, _solved
+from didim.regression.friction.screen import Screen, _Fold, _solved, _State, _Step, clear
 from didim.regression.gains.maximum_likelihood import expected_sentence
+from didim.regression.least_squares import dependence_sentence, solve
 from didim.regression.linear_system import LinearSystem
 from didim.regression.logs.body import nearest_bodies
+from didim.regression.logs.drift import differences
 from didim.regression.logs.load import _load
 from didim.regression.weights import joint_sigma
+from didim.robot.friction import FrictionTerm
 from plain import stub
-from test_friction_terms import planar
+from test_friction_terms import log, parameters, planar
 from test_turning_points_of_fits import Held
 
 Array = NDArray[np.float64]
@@ -127,3 +139,183 @@ def test_a_mass_that_a_log_shows(length: float, known: bool) -> None:
     found = _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20)
     assert found is not None
     assert (found.mass_or_none is not None) is known
+
+
+def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In each of a hundred steps whose cost never falls."""
+    tried: list[float] = []
+    costs = iter(range(10_000))
+
+    def errors(currents: object, gains: Array, theta: Array) -> Array:
+        tried.append(float(np.log(gains[0])))
+        return np.array([0.0, 0.25])
+
+    currents = stub(
+        n_motors=1, parameters=lambda gains: np.zeros(1), spread=lambda errors: np.ones(1), motor=[0, 0]
+    )
+    monkeypatch.setattr(maximum_likelihood, "Currents", stub(of=lambda system, reduction: currents))
+    monkeypatch.setattr(maximum_likelihood, "_errors", errors)
+    monkeypatch.setattr(maximum_likelihood, "_cost", lambda currents, errors: float(next(costs)))
+    monkeypatch.setattr(maximum_likelihood, "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
+    monkeypatch.setattr(maximum_likelihood, "_result", lambda *facts: None)
+    maximum_likelihood.drive_gains(cast(Any, None), np.eye(1), cast(Any, None), np.ones(1))
+    assert tried[1:13] == pytest.approx([0.25 * 0.5**k for k in range(12)])
+    assert len(tried) == 1 + 100 * 12
+
+
+def test_signs_of_twenty_stretches_of_time_are_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = planar()
+    job = didim.IDIMLS().job(log(robot, parameters(robot), noise=0.1))
+    parts = job.parts("fit")
+    system = job.system(parts)
+    counts: list[int] = []
+
+    def tested(own: object, rho: object, blocks: Any) -> tuple[float, list[Any]]:
+        counts.append(len(blocks[0]))
+        return 1.0, []
+
+    monkeypatch.setattr(alarm, "_joint_test", tested)
+    alarm.friction_alarm(
+        system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
+    )
+    assert counts == [20, 20]
+
+
+def test_a_prior_weighs_six_times_as_much_beside_correlated_errors() -> None:
+    slow = np.cos(np.arange(400) * np.pi / 400.0)
+    blocks = (Block(rows=slice(0, 400), joint=0),)
+    w = np.cos(np.arange(400) * 2.0 * np.pi / 400.0)[:, None]
+    assert _inflation(LinearSystem(w=w, y=slow, names=("a",), blocks=blocks)) == 6.0
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(2.7, False), (2.86, True)])
+def test_a_gain_of_a_law_that_is_clear_of_noise(deviations: float, told: bool) -> None:
+    """Of five blocks, not all of one sign."""
+    pattern = np.array([-4.0, 1.0, 1.0, 1.0, 1.0])
+    change = pattern / pattern.std(ddof=1) + deviations / np.sqrt(5.0)
+    assert clear(change[:, None]).tolist() == [told]
+
+
+@pytest.mark.parametrize(("after", "kept"), [(1.0048, True), (1.0052, False)])
+def test_a_term_must_not_predict_a_recording_worse(
+    after: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(screen, "_error", lambda fold, columns: after if 1 in columns else 1.0)
+    found = Screen._keeps_recordings(stub(recordings=[None]), _State([0]), _Step(None, 1, 0.5))
+    assert found is kept
+
+
+def test_chosen_terms_are_refined_three_times() -> None:
+    """Here two velocities are the better one in turn."""
+    best = iter([1, 0] * 10)
+    term = FrictionTerm(law="atan", joint=0, velocity=0.3)
+    calls: list[int] = []
+
+    def drops(state: object, family: object) -> tuple[Array, Array]:
+        calls.append(1)
+        return np.ones(5), np.tile(np.eye(2)[next(best)], (5, 1))
+
+    pool = [stub(term=term, held=None)] * 2
+    Screen._refined(stub(pool=pool, n=0, _drops=drops, _supported=lambda *given: True), _State([], [0]))
+    assert len(calls) == 3
+
+
+def test_a_generic_solid_has_a_hundred_grams_at_least() -> None:
+    robot = planar()
+    job = didim.IDIMLS().job(log(robot, parameters(robot)))
+    system = job.system(job.parts("fit"))
+    prior = generic_prior(robot, replace(system, y=0.0 * system.y), job.selection)
+    assert prior.bodies[0][3, 3] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("step", "shift"), [(0.0048, 0.0048), (0.0052, 10 * 0.0052)])
+def test_a_delay_is_linearised_ten_times(step: float, shift: float) -> None:
+    """Where each step is of the same size, unless it is less than five thousandths of a sample."""
+    column = np.cos(np.arange(60.0))
+    blocks = (Block(rows=slice(0, 60), joint=0),)
+    system = LinearSystem(w=np.ones((60, 1)), y=np.ones(60), names=("a",), blocks=blocks)
+    search = stub(
+        system=system, w=system.w, weights=np.ones(60), solution=np.ones(1), margin=5,
+        _derivative=lambda solution, torque: column[:, None], _torques=lambda shift: 1.0 + step * column,
+    )  # fmt: skip
+    found, _ = _Search.refine(search, 0.0, cast(Any, None))
+    assert found[0] == pytest.approx(shift)
+
+
+@pytest.mark.parametrize(("coefficient", "words"), [(0.8e-6, "MX1 = 0"), (1.2e-6, "MX1 = 1.2e-06 ZZ1")])
+def test_coefficients_of_a_dependence_that_are_shown(coefficient: float, words: str) -> None:
+    assert f"of W: {words})" in dependence_sentence(("ZZ1", "MX1"), [(1, [(0, coefficient)])])
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.048, False), (0.052, True)])
+def test_an_offset_that_differs_between_recordings(share: float, told: bool) -> None:
+    """By a twentieth of the residual, where errors of turning signs make it certain."""
+    rng = np.random.default_rng(0)
+    blocks = tuple(Block(rows=slice(400 * k, 400 * k + 400), joint=0, recording=k) for k in range(2))
+    w = np.tile([1.0, 1.0, -1.0, -1.0], 200)[:, None]
+    residual = np.tile([1.0, -1.0], 400) + 1e-3 * rng.standard_normal(800)
+    residual[400:] += share
+    system = LinearSystem(w=w, y=residual, names=("a",), blocks=blocks)
+    (found,) = differences(system, cast(Any, stub(weights=np.ones(800), residual=residual)), "offset")
+    assert found.clear is told
+
+
+def searched(
+    monkeypatch: pytest.MonkeyPatch, columns: Callable[..., Array]
+) -> Callable[[bool], list[LinearSystem]]:
+    """Return the search for the velocity of a law with given columns; it returns the systems that it solves."""
+    monkeypatch.setattr(velocity, "_columns", columns)
+    robot = planar(FrictionTerm(law="atan", joint=0, velocity=0.3, estimated=True))
+    w, y = np.eye(9)[:, :2], np.array([1.0, 1.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
+    system = LinearSystem(w=w, y=y, names=("Fv1", "Fa1"), blocks=(Block(rows=slice(0, 9), joint=0),))
+    solved: list[LinearSystem] = []
+
+    def solution(system: LinearSystem) -> tuple[Array, Array]:
+        solved.append(system)
+        return np.zeros(2), np.ones(9)
+
+    def search(on_grid: bool) -> list[LinearSystem]:
+        velocity._estimate_velocities(robot, [], cast(Any, None), system, solution, on_grid)
+        return solved
+
+    return search
+
+
+def test_velocities_are_searched_twice_on_a_grid_of_41(monkeypatch: pytest.MonkeyPatch) -> None:
+    grids: list[int] = []
+
+    def columns(robot: object, term: object, velocities: Array, *more: object) -> Array:
+        grids.append(velocities.size)
+        return np.zeros((9, velocities.size))  # of no use, so that there is nothing to refine
+
+    assert len(searched(monkeypatch, columns)(True)) == 2
+    assert grids == [41, 41]
+
+
+def test_velocities_are_refined_in_twelve_steps_with_two_sets_of_weights(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Here they go up and down by a tenth for ever."""
+    slopes: list[float] = []
+
+    def columns(robot: object, term: object, velocities: Array, *more: object) -> Array:
+        if more[3:] != (velocity._slope,):
+            return np.eye(9)[:, [1]]
+        slopes.append(float(velocities[0]))
+        return np.eye(9)[:, [2]] * (1.0 if len(slopes) % 2 else -1.0)
+
+    assert len(searched(monkeypatch, columns)(False)) == 2
+    assert len(slopes) == 2 * 12
+    assert slopes[1] == pytest.approx(1.1 * slopes[0])
+
+
+@pytest.mark.parametrize(("change", "passes"), [(0.8e-6, 2), (1.2e-6, 3)])
+def test_a_load_that_rests(change: float, passes: int) -> None:
+    robot = planar(FrictionTerm(law="load", joint=1))
+    job = didim.IDIMLS().job(log(robot, parameters(robot)))
+    sizes = iter([1.0, 1.0, *[1.0 + change] * 9])
+
+    def solved(system: LinearSystem) -> tuple[Array, Array]:
+        return np.full(system.w.shape[1], next(sizes)), np.ones(len(system.y))
+
+    assert velocity.settled(job.robot, job.parts("fit"), job.signal, ({}, ()), solved).passes == passes
