@@ -56,7 +56,7 @@ def record() -> None:
 def tests_of(lines: Mapping[Path, Iterable[int]]) -> list[str]:
     """Return the tests that run one of some lines, the shortest first, then the others of their files.
 
-    What several tests share is made for the first of them: so the others of a file may be those that look at it.
+    A fixture that several tests share runs in the first of them, so the others of a file may be those that check its result.
     """
     if not LINES.exists():
         record()

@@ -1,4 +1,4 @@
-"""Write docs/robot_keys.md and docs/experiment_keys.md: every declared key. Run it after a change of packaged/schema."""
+"""Write the pages of all declared keys, docs/*_keys.md. Run it after a change of packaged/schema."""
 
 from __future__ import annotations
 

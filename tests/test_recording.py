@@ -630,7 +630,7 @@ def test_wrong_keys_of_the_recording(
 def test_a_recording_needs_positions_and_a_rate(tmp_path: Path, csv_file: Path) -> None:
     content = described("a.csv")
     del content["time"]
-    expected = "log.toml: [recording] either rate_hz or the table [recording.time] must be there"
+    expected = "log.toml: [recording] give rate_hz or the table [recording.time]"
     assert message(tmp_path, content) == expected
     content = described("a.csv")
     del content["position"]

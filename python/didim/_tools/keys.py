@@ -91,7 +91,7 @@ class Keys:
 
     def inside(self, name: str) -> Keys:
         """Return the keys of a sub-table."""
-        path, free = join(self.path, name), join(self.path, NAME)
+        path, free = path_inside(self.path, name), path_inside(self.path, NAME)
         return Keys(self.tables, free if path not in self.tables and free in self.tables else path)
 
 
@@ -99,7 +99,7 @@ NO_KEYS = Keys()
 """Keys of a file without declarations."""
 
 
-def join(path: str, name: str) -> str:
+def path_inside(path: str, name: str) -> str:
     """Return the path of a sub-table."""
     return name if path == "file" else f"{path}.{name}"
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
-from .._tools.keys import NAME, Key, declared, join
+from .._tools.keys import NAME, Key, declared, path_inside
 from ..excitation.settings import ExcitationSettings
 from ..regression.settings import LeastSquaresSettings
 from ..signal.processing import SignalProcessing
@@ -79,7 +79,7 @@ def _toml(value: Any) -> str:
 def page(file: str) -> str:
     """Return the reference of one kind of file as Markdown: a table of keys for each table of the file."""
     tables = declared(file).tables
-    arrays = {join(path, key.name) for path, key in _keys(file) if key.type == "array of tables"}
+    arrays = {path_inside(path, key.name) for path, key in _keys(file) if key.type == "array of tables"}
     lines: list[str] = []
     for path, rows in tables.items():
         name = f"`[[{path}]]`" if path in arrays else f"`[{path}]`"

@@ -175,7 +175,7 @@ def _signals(
     }
     period, resample = _time_keys(sources["time"]) if "time" in sources else (1.0, False)
     if rate is None and "time" not in sources:
-        table.fail("either rate_hz or the table [recording.time] must be there")
+        table.fail("give rate_hz or the table [recording.time]")
     # Without measured positions the reference defines the samples of the recording.
     base = "position" if "position" in sources else "reference"
     if rollouts not in (None, GAPS):

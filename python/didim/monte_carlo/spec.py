@@ -24,8 +24,6 @@ from .keys import Keys
 
 SCHEMA = 1
 """Version of the file format that this code reads."""
-MOST_SEEDS = 10_000_000
-"""Upper bound of the seeds of a study: more are a mistake."""
 MOST_SCENARIOS = 100_000
 """Upper bound of the scenarios of a study: more are a mistake in a grid."""
 
@@ -317,7 +315,8 @@ def _method(table: Table, item: object) -> MethodSpec:
     if not isinstance(label, str) or not label:
         table.fail(f"label of method {name!r} must be a text, got {label!r}")
     if seeds is not None:
-        seeds = whole(f"seeds of method {label!r}", seeds, StudyError, least=1, most=MOST_SEEDS)
+        key = declared("study", "repeat").rows["seeds"]
+        seeds = whole(f"seeds of method {label!r}", seeds, StudyError, least=key.minimum, most=key.maximum)
     return MethodSpec(label=label, name=name, settings=settings, keys=keys, seeds=seeds)
 
 

@@ -26,8 +26,8 @@ HIDDEN_AT_FIRST = ("capsules", "prior", "prior: centres of mass")
 """Layers that are hidden at first beside an estimate, since they would cover it; the first one is always hidden at first."""
 VIEWED_FROM = (0.9, -1.1, 0.7)
 """Direction from the robot to the camera: from the front and above, so that no axis of the base points at it."""
-CAMERA_DISTANCE = 2.5
-"""Distance of the camera over half the diagonal of the box around the robot: it fits into viser's 75 degrees."""
+CAMERA_DISTANCE = 1.25
+"""Distance of the camera, over the diagonal of the box around the robot: the box fits into viser's angle of view of 75 degrees."""
 FULL_COLOUR_SHARE = 0.1
 """Residual, as a share of the largest torque, that is drawn in full colour."""
 
@@ -146,7 +146,7 @@ class Page:
         middle = 0.5 * (low + high)
         away = np.array(VIEWED_FROM) / np.linalg.norm(VIEWED_FROM)
         camera = self._server.initial_camera
-        camera.position = tuple(middle + CAMERA_DISTANCE * 0.5 * float(np.linalg.norm(high - low)) * away)
+        camera.position = tuple(middle + CAMERA_DISTANCE * float(np.linalg.norm(high - low)) * away)
         camera.look_at = tuple(middle)
 
     def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:

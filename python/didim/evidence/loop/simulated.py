@@ -114,7 +114,7 @@ def _slope(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def simulated_findings(
-    experiment: Experiment, found: MotionComparison, least: Callable[[], Array], *, doubted: bool
+    experiment: Experiment, comparison: MotionComparison, least: Callable[[], Array], *, doubted: bool
 ) -> list[Finding]:
     """Return what the simulated robot of a converged result says against it.
 
@@ -122,28 +122,28 @@ def simulated_findings(
     ----------
     experiment : Experiment
         What the result was made of.
-    found : MotionComparison
-        Its simulated motion.
+    comparison : MotionComparison
+        Simulated and measured motion.
     least : callable
         Returns the errors of IDIM-LS.
     doubted : bool
         Whether other evidence is against it: IDIM-LS is run then, or where something is found here.
     """
-    findings = [*motion_findings(experiment, found), *slope_findings(found)]
+    findings = [*motion_findings(experiment, comparison), *slope_findings(comparison)]
     if findings or doubted:
         try:
-            findings += worse_findings(found, least())
+            findings += worse_findings(comparison, least())
         except DidimError:  # a log that IDIM-LS cannot solve
             return findings
     return findings
 
 
-def motion_findings(experiment: Experiment, found: MotionComparison) -> list[Finding]:
+def motion_findings(experiment: Experiment, comparison: MotionComparison) -> list[Finding]:
     """Return a finding where the simulated motion is not the measured one."""
-    joints = np.flatnonzero(found.position > POSITION)
+    joints = np.flatnonzero(comparison.position > POSITION)
     if not len(joints):
         return []
-    worst = float(found.position.max())
+    worst = float(comparison.position.max())
     real = declared_loop(experiment)
     grade: Grade = "wrong" if worst > ASTRAY and real else "doubtful"
     return [
@@ -154,17 +154,17 @@ def motion_findings(experiment: Experiment, found: MotionComparison) -> list[Fin
             value=worst,
             effect=worst,
             facts={
-                "missed": found.position[joints].tolist(),
+                "missed": comparison.position[joints].tolist(),
                 "loop": "declared" if real else "made-up" if made_up(experiment) else "measured",
             },
         )
     ]
 
 
-def slope_findings(found: MotionComparison) -> list[Finding]:
+def slope_findings(comparison: MotionComparison) -> list[Finding]:
     """Return a finding where measured torques are not those of the simulated robot, but for a factor."""
-    off = found.slope - 1.0
-    joints = np.flatnonzero(np.abs(off) > np.maximum(SLOPE, SLOPE_SIGMAS * found.sigma))
+    off = comparison.slope - 1.0
+    joints = np.flatnonzero(np.abs(off) > np.maximum(SLOPE, SLOPE_SIGMAS * comparison.sigma))
     if not len(joints):
         return []
     worst = int(joints[np.argmax(np.abs(off[joints]))])
@@ -173,21 +173,21 @@ def slope_findings(found: MotionComparison) -> list[Finding]:
             code="torque-slope",
             grade="doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
-            value=float(found.slope[worst]),
-            deviation=float(found.sigma[worst]),
+            value=float(comparison.slope[worst]),
+            deviation=float(comparison.sigma[worst]),
             effect=float(abs(off[worst])),
-            facts={"slopes": found.slope[joints].tolist()},
+            facts={"slopes": comparison.slope[joints].tolist()},
         )
     ]
 
 
-def worse_findings(found: MotionComparison, least: Array) -> list[Finding]:
+def worse_findings(comparison: MotionComparison, least: Array) -> list[Finding]:
     """Return a finding where IDIM-LS explains the log better; `least` are its errors, (n_dof,) (N.m or N, root mean squares)."""
-    ratio = found.error / np.maximum(least, np.finfo(float).tiny)
-    joints = np.flatnonzero((ratio > WORSE) & (found.error - least > NEGLIGIBLE * found.torque))
+    ratio = comparison.error / np.maximum(least, np.finfo(float).tiny)
+    joints = np.flatnonzero((ratio > WORSE) & (comparison.error - least > NEGLIGIBLE * comparison.torque))
     if not len(joints):
         return []
-    own, other = (errors[joints] / found.torque[joints] for errors in (found.error, least))
+    own, other = (errors[joints] / comparison.torque[joints] for errors in (comparison.error, least))
     return [
         Finding(
             code="worse-than-idim-ls",

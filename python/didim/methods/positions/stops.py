@@ -45,7 +45,7 @@ PUSHED, MOST_PUSHED, STRONGEST = 3.5, 0.4, 0.7
 and those of a block over the largest, above which it is left out at once. The largest ratio to the median is 2.9 on the Go2 log and
 1.9 on simulated arms without pushes; both chose 3.5."""
 NOISY = 2.0
-"""Errors of a block over the noise of the encoder, below which nothing but noise is seen in them."""
+"""Smallest errors of a block, over the noise of the encoder, that are more than noise."""
 PAD_S, LEAST_S = 0.06, 1.0
 """Time (s) left out on both sides, and the shortest stretch (s) that is used."""
 LEAST_SHARE = 0.2
