@@ -172,8 +172,8 @@ class Uncertainty(Pickled):
             ]
         if self.kind == "jackknife" and alarm.shift.any():
             return [
-                "held-out blocks do not tell some chosen friction laws from none, or from others; "
-                "sigma includes how far the parameters move with those"
+                "held-out blocks do not decide whether some of the chosen friction laws are needed or another law fits better; "
+                "sigma includes how far the parameters move without them"
             ]
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 

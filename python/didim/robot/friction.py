@@ -98,10 +98,11 @@ class FrictionTerm:
     fitted : bool
         The velocity is the estimate from a log: its uncertainty counts in the standard deviations of the parameters.
     doubtful : bool
-        The log that the term was chosen on does not tell it from none: how far the parameters move without it counts as well.
+        The gain of the term on the log that it was chosen on is not clear: the standard deviations include how far the parameters
+        move without it.
     rival : float
-        Velocity of the other of ``atan`` and ``stribeck`` where the log does not tell which it is, zero elsewhere: how far
-        the parameters move with it counts too.
+        Velocity of the other of ``atan`` and ``stribeck`` where both fit the log, zero elsewhere: the standard deviations include
+        how far the parameters move with it.
     name : str
         Name of the parameter before the joint's number; by default that of the law.
     first, step : float

@@ -14,8 +14,8 @@ of the estimate with the columns of all joints beside A,
 
     b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
-After ``terms = "auto"`` the shift includes what the choice left open: a term that held-out blocks do not tell from none, and the
-other of atan and Stribeck's law where both fit.
+After ``terms = "auto"`` the shift includes what the choice left open: a term whose gain on held-out blocks is not clear, and
+the other of atan and Stribeck's law where both fit.
 
 Sources: Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz (1978) for the choice among laws.
 Tested in ``tests/test_friction_alarm.py``.
@@ -77,8 +77,8 @@ class FrictionAlarm:
     tested : tuple of str
         Families that were tested.
     shift : ndarray, shape (b,)
-        Largest change of each parameter, in its unit, on an alarm among the families, and always among the laws that the log
-        does not tell from chosen ones; zero without either.
+        Largest change of each parameter, in its unit, on an alarm among the families, and always among the laws that fit the
+        log as well as chosen ones; zero without either.
     visible : mapping of str to ndarray, shape (n_dof,)
         By family, the amplitude of its friction at each joint that the test would see (N.m or N), whichever of its
         velocities or widths it has: a score of `VISIBLE` deviations. Infinite where a joint was not tested.
@@ -245,12 +245,14 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
     best[:b] = np.linalg.lstsq(products[:b, :b], torques[:b], rcond=None)[0]
     found = []
     for k, (name, column) in enumerate(system.alternatives):
-        kept = [place for place, own in enumerate(names) if own != name] + [n + k] * bool(column.any())
-        moved = best.copy()
-        solution = np.linalg.lstsq(products[np.ix_(kept, kept)], torques[kept], rcond=None)[0]
-        own = np.array(kept) < n
-        moved[np.array(kept)[own]] = solution[own]
-        found.append(np.abs((moved - best) / size[:n])[:b])
+        used = np.array(
+            [index for index, key in enumerate(names) if key != name] + ([n + k] if column.any() else [])
+        )
+        solution = np.linalg.lstsq(products[np.ix_(used, used)], torques[used], rcond=None)[0]
+        shared = used < n
+        changed = best.copy()
+        changed[used[shared]] = solution[shared]
+        found.append(np.abs((changed - best) / size[:n])[:b])
     return found
 
 

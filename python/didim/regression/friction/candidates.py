@@ -19,7 +19,7 @@ from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
-from .tested_laws import PRISMATIC
+from .tested_laws import joint_scales
 from .velocity import decimated
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
@@ -148,7 +148,7 @@ def _offers(
 ) -> tuple[list[tuple[FrictionTerm, bool | None]], list[Array]]:
     """Return the terms of a joint, each with whether it holds, and their columns at all samples, (n_samples, k) of each part."""
     friction = robot.friction
-    unit = 1.0 if robot.joint_kinds[joint] == "revolute" else PRISMATIC
+    unit = float(joint_scales(robot)[joint])
     zone = friction.dead_zone[joint] if friction.coulomb == "sign" else friction.smoothing[joint]
     dq = [part.dq[:, [joint]] for part in parts]
     offers: list[tuple[FrictionTerm, bool | None]] = []

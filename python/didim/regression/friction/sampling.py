@@ -20,10 +20,11 @@ from ...model.dynamics import inverse_dynamics
 from ...model.memory import instantaneous
 from ...robot.robot import Robot
 from ...signal.segments import Segment
+from .tested_laws import joint_scales
 
-TURN = {"revolute": 0.01, "prismatic": 0.001}
-"""Velocity (rad/s, m/s) within which friction of a ``sign`` may turn smoothly: a fifth of the smallest Stribeck velocity that is
-tested, so the laws remain visible. Chosen on the UR10e example, whose simulated friction is a tanh of it."""
+TURN = 0.01
+"""Velocity (rad/s, times `PRISMATIC` for m/s) within which friction of a ``sign`` may turn smoothly: a fifth of the smallest
+Stribeck velocity that is tested, so the laws remain visible. Chosen on the UR10e example, whose friction is a tanh of it."""
 
 
 def sampling_errors(
@@ -63,7 +64,7 @@ def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
         _curvature(rigid),
     ]
     if robot.friction.coulomb == "sign":
-        errors.append(np.tanh(dq / [TURN[kind] for kind in robot.joint_kinds]) - instantaneous(robot, dq))
+        errors.append(np.tanh(dq / (TURN * joint_scales(robot))) - instantaneous(robot, dq))
     return errors
 
 

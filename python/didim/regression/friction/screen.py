@@ -27,7 +27,7 @@ BLOCK_GAP_ROWS = 5
 LEAST_SIGNIFICANCE = 1.0
 """Smallest gain of a term, in its standard error between the blocks."""
 CLEAR = 2.78
-"""Gain of a law, in its standard error, from which the log tells it from none, or from another law: Student's 97.5 % quantile
+"""Gain of a law, in its standard error, from which the log decides for it, against none or another law: Student's 97.5 % quantile
 for the four degrees of freedom of five blocks. Below it the parameters' standard deviations include the law's shift."""
 SMALLEST_GAIN = 1e-3
 """Smallest gain of a term, as a share of the squared held-out error of all joints: less does not justify a parameter."""

@@ -60,6 +60,11 @@ class LawColumns:
         return columns
 
 
+def joint_scales(robot: Robot) -> Array:
+    """Return the factors of velocities and displacements of the laws, (n_dof,): 1 of revolute joints, `PRISMATIC` of others."""
+    return np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
+
+
 def laws_to_test(
     robot: Robot,
     parts: Sequence[Segment],
@@ -69,7 +74,7 @@ def laws_to_test(
 ) -> list[LawColumns]:
     """Return the laws that are tested, with their decimated columns."""
     n = robot.n_dof
-    unit = np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
+    unit = joint_scales(robot)
     known = {(term.law, term.joint) for term in robot.friction.terms}
     velocity_laws = ("atan", "stribeck", "root", "table")
     smooth = np.array([not any((law, joint) in known for law in velocity_laws) for joint in range(n)])
