@@ -1,0 +1,145 @@
+"""Searches of the methods and of designs end, shorten their steps and choose their ways where their documentation says.
+
+The numbers stand here as they are documented, so that one which is doubled or halved is noticed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim.excitation.criterion as criterion
+import didim.excitation.problem as design
+from didim.excitation.problem import Problem
+from didim.experiment.specs import SimulationSettings
+from didim.loop.outcome import Outcome, SimulationStatus
+from didim.methods.cloe.cloe import CLOE
+from didim.methods.cloe.output_error import OutputError
+from didim.methods.cloe.simplex import SimplexSearch
+from didim.methods.didim.globalisation import SafeSteps, SecantSteps
+from didim.methods.didim.simulability import chosen_steps
+from didim.methods.didim.windows import simulated_all
+from plain import stub
+
+Array = NDArray[np.float64]
+
+
+class Diverging:
+    """A simulator in which no run completes."""
+
+    def __init__(self) -> None:
+        self.tried: list[float] = []
+
+    def simulate(self, x: Array, *more: object) -> Outcome:
+        self.tried.append(float(x[0]))
+        return Outcome(SimulationStatus.DIVERGED, 1.0, 1)
+
+
+def test_a_step_whose_simulation_ends_early_is_halved_twenty_times() -> None:
+    simulator = Diverging()
+    steps = stub(
+        simulator=simulator, method=stub(gain_updating="first"), reporter=stub(say=lambda text: None)
+    )
+    length, _ = SafeSteps._advance(steps, stub(x=np.zeros(1)), np.ones(1), 1.0, False)
+    assert length == 0.0
+    assert simulator.tried == [0.5**k for k in range(20)]
+
+
+def test_a_secant_step_is_halved_four_times() -> None:
+    simulator = Diverging()
+    steps = stub(simulator=simulator, reporter=stub(say=lambda text: None), _cost=lambda *given: 1.0)
+    solved = stub(fit=stub(weights=np.ones(1)), system=stub(joints=[slice(0, 1)]), target=np.ones(1))
+    iterate = stub(x=np.zeros(1), simulated=None)
+    length, _ = SecantSteps._advance(steps, iterate, cast(Any, solved), 1.0, 9.0)
+    assert length == 0.0
+    assert simulator.tried == [1.0, 0.5, 0.25, 0.125, 0.0625]
+
+
+@pytest.mark.parametrize(("fall", "again"), [(0.8e-6, False), (1.2e-6, True)])
+def test_a_restart_of_a_simplex_that_was_worth_it(fall: float, again: bool) -> None:
+    def edged(point: object, norm: float) -> None:
+        raise InterruptedError  # it begins anew
+
+    search = stub(
+        simplex=stub(values=[1.0 - fall]), before=1.0, stalled=False, patient=True, best=None, _edged=edged
+    )
+    if again:
+        with pytest.raises(InterruptedError):
+            SimplexSearch._restart(search)
+    else:
+        assert not SimplexSearch._restart(search)
+
+
+def test_edges_of_a_simplex_change_the_outputs_by_three_tenths_of_their_errors() -> None:
+    problem = stub(
+        errors=lambda points: ([None], None), derivatives=lambda point, errors: np.diag([2.0, 5.0]),
+        scale=np.full(2, 9.0), safe_share=lambda point, target: 1.0,
+    )  # fmt: skip
+    _, edges = SimplexSearch._edged(stub(problem=problem), np.zeros(2), 4.0)
+    assert edges == pytest.approx([0.3 * 4.0 / 2.0, 0.3 * 4.0 / 5.0])
+
+
+def test_the_inertia_is_checked_at_200_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = "didim.methods.cloe.output_error."
+    monkeypatch.setattr(module + "_windows", lambda job, output: [stub(q=np.zeros((4000, 1)))])
+    monkeypatch.setattr(OutputError, "_start", lambda problem: 1 / 0)
+    problem = object.__new__(OutputError)
+    job = cast(Any, stub(robot=None, parameters=None, selection=stub(estimated=[])))
+    with pytest.raises(ZeroDivisionError):  # its start, which comes after the positions
+        problem.__init__(CLOE(), job, cast(Any, None))  # type: ignore[misc]
+    assert len(problem.checked) == 200
+
+
+def test_steps_in_time_are_two_microseconds_at_least() -> None:
+    """Rounded down to a quarter of an octave."""
+    coarse, fine = chosen_steps(1e9, np.full(1, 1e9), SimulationSettings())
+    assert 2e-6 / 2.0**0.25 < coarse <= 2e-6
+    assert fine == (coarse,)
+
+
+def test_candidates_are_simulated_eight_at_a_time() -> None:
+    sizes: list[int] = []
+
+    def run(x: Array) -> tuple[list[Array], list[Outcome]]:
+        sizes.append(len(x))
+        return [np.zeros((len(x), 3, 1))] * 4, [Outcome(SimulationStatus.DIVERGED)] * len(x)
+
+    window = stub(standard=lambda x: x, kept=slice(None), loop=stub(run=run))
+    assert len(simulated_all([cast(Any, window)], [np.zeros(1)] * 20)) == 20
+    assert sizes == [8, 8, 4]
+
+
+def test_a_millimetre_of_clearance_weighs_a_hundredth_of_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Squared as the excess of a torque is."""
+    zero = np.zeros((1, 1))
+    monkeypatch.setattr(design, "_core", stub(information_gradient=lambda *given: (zero, zero, zero)))
+    clearance = stub(empty=False, penalty=lambda q, scale, extra: ((1e-3 / scale) ** 2, zero))
+    motion = stub(motion=lambda: (zero, zero, zero))
+    problem = stub(
+        series=stub(build=lambda v: (motion, None), back=lambda *given: zero), thinning=1, limited=False,
+        information=stub(matrix=lambda *given: None, robot=stub(core=None), columns=[], samples=1.0, sigma=np.ones(1)),
+        criterion=lambda matrix: (0.0, zero), clearance=clearance, extra_clearance=0.0, x=None, _whole=lambda values: values,
+    )  # fmt: skip
+    assert Problem.value(problem, np.zeros(1), 1.0)[0] == pytest.approx(0.01**2)
+
+
+@pytest.mark.parametrize(("pivot", "regular"), [(0.8e-5, False), (1.2e-5, True)])
+def test_a_pivot_that_proves_an_information_regular(
+    pivot: float, regular: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It needs no eigenvalues, which take ten times as long, and is not raised to the least one."""
+    eigenvalues: list[int] = []
+    eigh = np.linalg.eigh
+
+    def counted(matrix: Array) -> Any:
+        eigenvalues.append(1)
+        return eigh(matrix)
+
+    monkeypatch.setattr("numpy.linalg.eigh", counted)
+    beside = np.sqrt(1.0 - pivot**2)
+    value, _ = criterion.log_determinant(np.array([[1.0, beside], [beside, 1.0]]))
+    assert value == pytest.approx(2.0 * np.log(pivot), rel=1e-5)
+    assert not eigenvalues if regular else eigenvalues
