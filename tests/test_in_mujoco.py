@@ -14,6 +14,7 @@ import didim
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.export.drives import drives_of, for_step
+from didim.export.mjcf_edit import edit_mjcf
 from didim.methods.cloe.cloe import CLOE
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import ARM_DELAY_S, ARM_TRUTH, FILE, TRUTH, arm_episodes, arm_text, followed, logged, recorded
@@ -22,6 +23,34 @@ from test_lerobot import dataset
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
 
 ARM_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "gripper")
+
+
+ARM = """
+schema = 1
+robot = "so101.xml"
+[parameters]
+links = "fixed"
+dropped = ["Off"]
+[controller]
+kind = "pd"
+[reference]
+kind = "recorded"
+between_samples = "held"
+[unknown]
+delay_s = { max = 0.06 }
+[[recording]]
+name = "log"
+rate_hz = 50
+"""
+ARM += recorded("log.npz", "q", "r")
+
+
+def arm_commands(rng: np.random.Generator, count: int = 900) -> np.ndarray:
+    """Jumps and waves of a hobby arm, (n_samples, 4), at 50 Hz."""
+    t = np.arange(count) / 50.0
+    jumps = np.repeat(rng.uniform(-0.35, 0.35, (count // 25, 4)), 25, axis=0)
+    waves = 0.3 * np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.3, 1.0, 4)) + rng.uniform(0.0, 6.0, 4))
+    return np.where((t % 6.0 < 3.0)[:, None], jumps, waves) + np.array([0.0, 0.2, 0.4, 0.7])
 
 
 @pytest.fixture(scope="module")
@@ -173,35 +202,14 @@ def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.
     assert drive["delay_s"][0] == pytest.approx(ARM_DELAY_S, abs=0.0002)
 
 
-STEPPED = """
-schema = 1
-robot = "so101.xml"
-[parameters]
-links = "fixed"
-dropped = ["Off"]
-[controller]
-kind = "pd"
-[reference]
-kind = "recorded"
-between_samples = "held"
-[unknown]
-kp = { start = 15.0 }
-kv = { start = 0.8 }
-delay_s = { max = 0.06 }
-[[recording]]
-name = "log"
-rate_hz = 50
-"""
-STEPPED += recorded("log.npz", "q", "r")
+STEPPED = ARM.replace("[unknown]\n", "[unknown]\nkp = { start = 15.0 }\nkv = { start = 0.8 }\n")
 
 
 def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
     """A log by MuJoCo at 2 ms, whose servos saturate: what is left is the noise, and the drives for that step are the truth."""
     step = 0.002
-    rng, t = np.random.default_rng(3), np.arange(900) / 50.0
-    jumps = np.repeat(rng.uniform(-0.35, 0.35, (36, 4)), 25, axis=0)
-    waves = 0.3 * np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.3, 1.0, 4)) + rng.uniform(0.0, 6.0, 4))
-    r = np.where((t % 6.0 < 3.0)[:, None], jumps, waves) + np.array([0.0, 0.2, 0.4, 0.7])
+    rng = np.random.default_rng(3)
+    r = arm_commands(rng)
     q = followed(mujoco, arm_text(truth=True), r, 50.0, 0.02, step)
     np.savez(tmp_path / "log.npz", q=q + 1e-4 * rng.standard_normal(q.shape), r=r)
     (tmp_path / "so101.xml").write_text(arm_text())
@@ -214,3 +222,24 @@ def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
     for name, value in truth.items():
         np.testing.assert_allclose([getattr(drive, name) for drive in found], value, rtol=0.01, err_msg=name)
     assert found[0].delay_s == pytest.approx(0.02, abs=1e-4)
+
+
+def test_a_replay_in_short_steps_has_no_error_of_its_own(tmp_path: Path) -> None:
+    """Of a log by MuJoCo without noise a replay leaves the error of the fit, 2 urad, also where the file has implicit steps."""
+    steps = arm_text(truth=True).replace("implicitfast", "RK4")
+    r = arm_commands(np.random.default_rng(3), 400)
+    np.savez(tmp_path / "log.npz", q=followed(mujoco, steps, r, 50.0, 0.02, 5e-4), r=r)
+    (tmp_path / "so101.xml").write_text(arm_text())
+    (tmp_path / "arm.toml").write_text(ARM)
+    experiment = didim.load_experiment(tmp_path / "arm.toml")
+    fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
+    fit.save(tmp_path / "fit.json")
+    drives = drives_of(fit, "fit.json")
+    for integrator in ("implicitfast", "RK4"):
+        (tmp_path / "so101.xml").write_text(arm_text().replace("implicitfast", integrator))
+        content, _ = edit_mjcf(drives, tmp_path / "so101.xml")
+        (tmp_path / "new.xml").write_bytes(content)
+        found = validate_in_mujoco(fit, experiment, tmp_path / "new.xml")
+        assert found.ratio is not None
+        assert found.ratio < 1.05
+        assert (found.at_file_step is None) == (integrator == "RK4")

@@ -1,7 +1,8 @@
 """Replay of a log in MuJoCo: the robot of an MJCF follows the commands on a fixed base, and its positions are compared.
 
 MuJoCo holds a command over each step h and evaluates damping at its end, so commands act h / 2 early. They are delayed by h / 2
-in addition to the delay of the result. Tested in ``tests/test_in_mujoco.py``.
+in addition to the delay of the result, but not with its Runge-Kutta steps, which also evaluate servos in between. Tested in
+``tests/test_in_mujoco.py``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.inputs import check_input
 from .._tools.saved import plain
 from ..errors import FitError
 from ..experiment.experiment import Experiment
@@ -32,6 +32,7 @@ from ..model.limbs import limbs_of
 from ..result.identification import Identification
 from ..robot.payload import moved
 from ..robot.rigid_body import body_pseudo_inertia, central, pose, pseudo_inertia, quaternion
+from .mujoco_model import integrator_of, load_model, places_of
 
 Stretches = dict[tuple[int, int], list[int]]
 """Joints that are compared, by begin and end of a stretch."""
@@ -40,6 +41,8 @@ MOST_STEP_S = 0.02
 
 SHORT_STEP_S = 1e-4
 """Step (s) at which what MuJoCo's own steps change is below the noise of most encoders."""
+STAGES = 4
+"""Evaluations of a Runge-Kutta step, which is longer by this factor."""
 SAME = 1e-12
 """Difference of commands (rad or m) that is rounding."""
 NEAR = 1.05
@@ -157,7 +160,7 @@ def validate_in_mujoco(
     at_file_step = None
     far = own is not None and not _rms(after) < NEAR * _rms(own)
     if step_s is None and step > SHORT_STEP_S and far:
-        short, short_step = _errors(path, used, drives, SHORT_STEP_S, corrected=True)
+        short, short_step = _errors(path, used, drives, None, corrected=True)
         if _rms(short) < _rms(after) or not np.isfinite(after).all():
             at_file_step, after, step = (step, _rms(after)), short, short_step
     own_step = step if at_file_step is None else at_file_step[0]
@@ -210,7 +213,7 @@ def _loaded(model: Any, name: str, drives: Drives, logged: Logged) -> tuple[Any,
     """Return a copy of a model, and the drives, with the gains and the payload of a recording."""
     import mujoco
 
-    _, _, servo = _places(model, drives, name)
+    _, _, servo = places_of(model, drives, name)
     model = copy(model)
     for actuator, share in zip(servo, logged.shares, strict=True):
         if actuator is not None:
@@ -252,8 +255,10 @@ def _errors(
     *,
     corrected: bool = False,
 ) -> tuple[Array, float]:
-    """Root mean square error of each joint over all rollouts, and the step, whose effect on armatures may be taken off."""
+    """Root mean square error of each joint over all rollouts, and the step; `corrected` without the effects of the file's steps."""
     model = load_model(path)
+    if corrected:
+        step_s = _shorten(model, path.name, drives)
     wanted = float(model.opt.timestep) if step_s is None else step_s
     squares, count = np.zeros(len(drives.joints)), np.zeros(len(drives.joints))
     for logged in recordings:
@@ -296,7 +301,7 @@ def replayed(
     import mujoco
 
     h = float(model.opt.timestep)
-    places, speeds, servo = _places(model, drives, name)
+    places, speeds, servo = places_of(model, drives, name)
     edges = np.arange((len(measured) - 1) * steps + 1, dtype=np.float64) * h
     delay = np.array([drive.delay_s for drive in drives.joints])
     target = Held(commands, rate_hz).means(edges, delay, np.array([drive.lag_s for drive in drives.joints]))
@@ -336,10 +341,12 @@ def _early(model: Any, drives: Drives) -> Drives:
 
 def _stepped(model: Any, name: str, drives: Drives) -> Drives:
     """Return the drives with the delay of commands at the step of a model: that of its file, if its armatures are for this step."""
-    _, speeds, servo = _places(model, drives, name)
+    _, speeds, servo = places_of(model, drives, name)
     early, explicit = _early(model, drives), any(actuator is None for actuator in servo)
+    if integrator_of(model) == "RK4" and not explicit:
+        return drives
     try:
-        found = for_step(drives, float(model.opt.timestep), _integrator(model), explicit_kv=explicit)
+        found = for_step(drives, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
     except FitError:
         return early
     armature = np.array(model.dof_armature)[speeds]
@@ -347,96 +354,27 @@ def _stepped(model: Any, name: str, drives: Drives) -> Drives:
     return found if far[0] < far[1] else early
 
 
+def _shorten(model: Any, name: str, drives: Drives) -> float:
+    """Return the short step of a model, by Runge-Kutta if all torques are those of actuators."""
+    import mujoco
+
+    if None in places_of(model, drives, name)[2]:
+        return SHORT_STEP_S
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    return STAGES * SHORT_STEP_S
+
+
 def _corrected(model: Any, name: str, drives: Drives) -> Drives:
     """Take off the armatures of a model what its steps add, and return the drives with the delay of commands."""
-    _, speeds, servo = _places(model, drives, name)
-    plain = Drives(tuple(replace(drive, per_step={}) for drive in drives.joints))
+    _, speeds, servo = places_of(model, drives, name)
     explicit = any(actuator is None for actuator in servo)
-    found = for_step(plain, float(model.opt.timestep), _integrator(model), explicit_kv=explicit)
+    if integrator_of(model) == "RK4" and not explicit:
+        return drives
+    plain = Drives(tuple(replace(drive, per_step={}) for drive in drives.joints))
+    found = for_step(plain, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
     for dof, new, old in zip(speeds, found.joints, drives.joints, strict=True):
         model.dof_armature[dof] = max(0.0, model.dof_armature[dof] + new.rotor - old.rotor)
     return _early(model, drives)
-
-
-def _integrator(model: Any) -> str:
-    import mujoco
-
-    name = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
-    return {"IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast", "RK4": "RK4"}.get(name, "Euler")
-
-
-def _places(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
-    """Return the addresses of the joints' positions and velocities, and their position actuators; other controls are zero."""
-    import mujoco
-
-    places, speeds, servo = [], [], []
-    for drive in drives.joints:
-        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, drive.joint)
-        if joint < 0:
-            raise FitError(f"{name}: there is no joint {drive.joint!r}")
-        places.append(int(model.jnt_qposadr[joint]))
-        speeds.append(int(model.jnt_dofadr[joint]))
-        mine = [
-            k
-            for k in range(model.nu)
-            if model.actuator_trnid[k, 0] == joint
-            and model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
-            and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-            and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
-        ]
-        if not mine and drive.kp is None:
-            raise FitError(
-                f"{name}: joint {drive.joint!r} has no position actuator, and the result has no gains"
-            )
-        servo.append(mine[0] if mine else None)
-    return places, speeds, servo
-
-
-def load_model(path: Path) -> Any:
-    """Load an MJCF with a fixed base, without contacts, joint limits and missing meshes.
-
-    Raises
-    ------
-    FitError
-        Without the package mujoco, or for a file that it cannot load.
-    """
-    try:
-        import mujoco
-    except ImportError:
-        raise FitError(
-            "a validation in MuJoCo needs the package mujoco: pip install 'didim[mujoco]'"
-        ) from None
-    check_input(path, FitError)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        for item in [
-            *spec.keys,
-            *(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE),
-        ]:
-            _delete(spec, item)
-        try:
-            model = spec.compile()
-        except ValueError:
-            for item in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH] + list(
-                spec.meshes
-            ):
-                _delete(spec, item)
-            model = spec.compile()
-    except ValueError as reason:
-        raise FitError(
-            f"{path.name}: MuJoCo cannot load it ({' '.join(str(reason).split())[:120]})"
-        ) from None
-    off = mujoco.mjtDisableBit
-    model.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT)
-    return model
-
-
-def _delete(spec: Any, item: Any) -> None:
-    """Delete an element, with the interface of MuJoCo before or after 3.3.3."""
-    if hasattr(spec, "delete"):
-        spec.delete(item)
-    else:
-        item.delete()
 
 
 def _rms(values: Array) -> float:

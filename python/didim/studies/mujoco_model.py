@@ -1,0 +1,95 @@
+"""The model of an MJCF in MuJoCo, with a fixed base: its joints, its position servos and its integrator.
+
+Tested in ``tests/test_in_mujoco.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .._tools.inputs import check_input
+from ..errors import FitError
+from ..export.drives import Drives
+
+
+def load_model(path: Path) -> Any:
+    """Load an MJCF with a fixed base, without contacts, joint limits and missing meshes.
+
+    Raises
+    ------
+    FitError
+        Without the package mujoco, or for a file that it cannot load.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise FitError(
+            "a validation in MuJoCo needs the package mujoco: pip install 'didim[mujoco]'"
+        ) from None
+    check_input(path, FitError)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        for item in [
+            *spec.keys,
+            *(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE),
+        ]:
+            _delete(spec, item)
+        try:
+            model = spec.compile()
+        except ValueError:
+            for item in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH] + list(
+                spec.meshes
+            ):
+                _delete(spec, item)
+            model = spec.compile()
+    except ValueError as reason:
+        raise FitError(
+            f"{path.name}: MuJoCo cannot load it ({' '.join(str(reason).split())[:120]})"
+        ) from None
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT)
+    return model
+
+
+def _delete(spec: Any, item: Any) -> None:
+    """Delete an element, with the interface of MuJoCo before or after 3.3.3."""
+    if hasattr(spec, "delete"):
+        spec.delete(item)
+    else:
+        item.delete()
+
+
+def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
+    """Return the addresses of the joints' positions and velocities, and their position actuators; other controls are zero."""
+    import mujoco
+
+    places, speeds, servo = [], [], []
+    for drive in drives.joints:
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, drive.joint)
+        if joint < 0:
+            raise FitError(f"{name}: there is no joint {drive.joint!r}")
+        places.append(int(model.jnt_qposadr[joint]))
+        speeds.append(int(model.jnt_dofadr[joint]))
+        mine = [
+            k
+            for k in range(model.nu)
+            if model.actuator_trnid[k, 0] == joint
+            and model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
+            and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
+        ]
+        if not mine and drive.kp is None:
+            raise FitError(
+                f"{name}: joint {drive.joint!r} has no position actuator, and the result has no gains"
+            )
+        servo.append(mine[0] if mine else None)
+    return places, speeds, servo
+
+
+def integrator_of(model: Any) -> str:
+    """Return the name of a model's integrator, as an MJCF has it."""
+    import mujoco
+
+    name = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+    return {"IMPLICIT": "implicit", "IMPLICITFAST": "implicitfast", "RK4": "RK4"}.get(name, "Euler")
