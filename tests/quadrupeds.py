@@ -72,18 +72,18 @@ def commands(seconds: float) -> np.ndarray:
 
 def followed(
     mujoco: Any,
-    text: str,
+    text: Any,
     r: np.ndarray,
     rate_hz: float,
     delay_s: float,
     step_s: float = 2.5e-4,
     push: Callable[[float, np.ndarray], Sequence[float]] | None = None,
 ) -> np.ndarray:
-    """Positions of the robot of an MJCF, (n_samples, n_joints), while its servos follow commands that act late.
+    """Positions of the robot of an MJCF, text or model, (n_samples, n_joints), while its servos follow commands that act late.
 
     A push gives further torques of the joints (N.m), (n_joints,), by time (s) and position.
     """
-    model = mujoco.MjModel.from_xml_string(text)
+    model = mujoco.MjModel.from_xml_string(text) if isinstance(text, str) else text
     model.opt.timestep = step_s
     steps, late = round(1.0 / (rate_hz * model.opt.timestep)), round(delay_s / model.opt.timestep)
     data = mujoco.MjData(model)

@@ -98,7 +98,9 @@ class Servos:
     q, dq : array
         Encoder readings at time 0, and velocities.
     softness : array, optional
-        Slope k (kg.m^2 or kg) of friction ``-k (ddq + SOFT_RATE dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
+        Slope k (kg.m^2 or kg) of friction ``-k (ddq + b dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
+    rate : float
+        Rate b (1/s) of that friction.
     lead_s : float
         Inertia that a servo adds while it saturates, over kv (s): minus half a step for a simulator that takes kv implicitly.
     """
@@ -112,6 +114,7 @@ class Servos:
     q: Array
     dq: Array
     softness: Array | None = None
+    rate: float = SOFT_RATE
     lead_s: float = 0.0
 
 
@@ -188,7 +191,7 @@ class ServoLoop:
         b = servos.bias_rad
         limit = np.minimum(servos.saturation, NO_LIMIT)
         soft = np.zeros_like(b) if servos.softness is None else servos.softness
-        rate, lead = np.full_like(b, SOFT_RATE), np.full_like(b, servos.lead_s)
+        rate, lead = np.full_like(b, servos.rate), np.full_like(b, servos.lead_s)
         rows = [
             servos.kp,
             servos.kv,

@@ -39,7 +39,7 @@ from .intervals import (
     widened,
 )
 from .knowledge import Held, by_sentence, unidentified, weak_pairs
-from .laws import search_of_either_friction, searched, with_explained_stretches, without_pushes
+from .laws import other_softness, search_of_either_friction, searched, with_explained_stretches, without_pushes
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, normal_of
 from .stops import findings_of
@@ -179,6 +179,7 @@ def _result(experiment: Experiment, end: End) -> Identification:
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
             *model_errors(problem, end.over, end.shift),
+            *(other_softness(problem, now) if end.over.max() > LASTING else ()),
             *changes(problem, spread, now.theta),
         ),
         settings={

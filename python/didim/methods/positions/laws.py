@@ -6,6 +6,7 @@ Tested in ``tests/test_positions.py`` and ``tests/test_in_mujoco.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
+from ...result.finding import Finding, said
 from ...result.status import Status
 from ...signal.noise import encoder_noise
 from .knowledge import Held, unidentified
@@ -29,6 +31,11 @@ MOST_ROUNDS = 6
 """Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
+OTHER_SOFTNESS = ((1.0, 0.4), (0.4, 1.0), (1.0, 0.65), (0.65, 1.0), (1.0, 1.4), (1.0, 2.0), (2.0, 1.0))
+"""Factors of slope and rate of MuJoCo's friction that are tried where its defaults leave errors of the model."""
+PROMISED = 0.65
+"""Share of the squared errors, promised by another softness, below which the default one is contradicted. Simulated legs whose
+friction has 0.6 to 2.5 times the default time constant have 0.01 to 0.4, with armatures changed without mj_setConst up to 0.62."""
 
 
 def searched(
@@ -88,6 +95,36 @@ def search_of_either_friction(
         if found.cost < now.cost:
             return rival, found, held_there, shift
     return problem, *searched(problem, now, held, options), shift
+
+
+def other_softness(problem: Problem, now: Search) -> tuple[Finding, ...]:
+    """Return the finding that friction is soft as MuJoCo has it, but not by its defaults, from what other values promise to leave.
+
+    Armatures and friction are then false without a sign in their intervals: all blocks share the error.
+    """
+    for slope, rate in OTHER_SOFTNESS if problem.inertia else ():
+        rival = replace(problem, softness=(slope * problem.softness[0], rate * problem.softness[1]))
+        try:
+            start = begun(rival, now.theta, now.free.copy(), now)
+        except FitError:
+            continue
+        problem.n_simulations = rival.n_simulations
+        a, b = normal_of(rival, start.errors, start.blocks)
+        step = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
+        share = (start.cost + float(2.0 * b @ step + step @ a @ step)) / now.cost
+        if share < PROMISED:
+            word = "softer" if slope * rate < 1.0 else "harder"
+            return (
+                said(
+                    kind="softness",
+                    sentence=f"friction is {word} than by MuJoCo's defaults, which are simulated: with {slope:g} times the slope "
+                    f"and {rate:g} times the rate at most {100.0 * max(share, 0.0) ** 0.5:.0f} % of the errors would be left",
+                    advice="Where a simulation made the log, leave solreffriction and solimpfriction at their defaults, and change "
+                    "armatures before the file is compiled, or call mj_setConst",
+                    value=share,
+                ),
+            )
+    return ()
 
 
 def without_pushes(

@@ -17,7 +17,7 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.specs import SimulationSettings
-from ...loop.servos import Held, ServoLoop, Servos
+from ...loop.servos import SOFT_RATE, Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
 from ...robot.robot import Robot
@@ -99,6 +99,8 @@ class Problem:
         otherwise.
     stops : list of Stop
         Stretches of the log that no rollout has, for something holds a joint.
+    softness : (float, float)
+        ``d / (1 - d)`` and rate (1/s) of MuJoCo's soft constraint.
     """
 
     robot: Robot
@@ -111,6 +113,7 @@ class Problem:
     n_simulations: int = 0
     inertia: dict[tuple[int, int], Array] = field(default_factory=dict)
     stops: list[Stop] = field(default_factory=list)
+    softness: tuple[float, float] = (SOFT_RATIO, SOFT_RATE)
 
     @property
     def start(self) -> Array:
@@ -157,19 +160,20 @@ class Problem:
                     x[:, names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
         q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
         self.n_simulations += count
-        softness = self._softness(rollout, x) if self.inertia else None
+        slope = self._slope(rollout, x) if self.inertia else None
+        rate = self.softness[1]
         return rollout.loop.run(
-            x, Servos(**drive, q=q, dq=dq, softness=softness, lead_s=lead_s), self.threads
+            x, Servos(**drive, q=q, dq=dq, softness=slope, rate=rate, lead_s=lead_s), self.threads
         )
 
-    def _softness(self, rollout: Rollout, x: Array) -> Array:
+    def _slope(self, rollout: Rollout, x: Array) -> Array:
         """Return slopes of MuJoCo's friction loss, ``d / ((1 - d) (M^-1)_jj)`` at position zero, (n_candidates, n_limb_joints)."""
         limb, inertia = self.limbs[rollout.limb], self.inertia[rollout.limb, rollout.recording]
         rotors = [limb.robot.parameter_names.index(f"Ia{j + 1}") for j in range(len(inertia))]
         m = np.tile(inertia, (len(x), 1, 1))
         at = np.arange(len(rotors))
         m[:, at, at] += x[:, rotors] - self.values.x[limb.indices][rotors]
-        return np.asarray(SOFT_RATIO / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
+        return np.asarray(self.softness[0] / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
 
     def errors(self, theta: Array, role: str = "fit", lead_s: float = 0.0) -> list[Array]:
         """Return weighted errors of each rollout of a role, (n_rows,); NaN throughout where a run has ended early."""
