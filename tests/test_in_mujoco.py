@@ -50,7 +50,7 @@ def arm_commands(rng: np.random.Generator, count: int = 900) -> np.ndarray:
     t = np.arange(count) / 50.0
     jumps = np.repeat(rng.uniform(-0.35, 0.35, (count // 25, 4)), 25, axis=0)
     waves = 0.3 * np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.3, 1.0, 4)) + rng.uniform(0.0, 6.0, 4))
-    return np.where((t % 6.0 < 3.0)[:, None], jumps, waves) + np.array([0.0, 0.2, 0.4, 0.7])
+    return np.asarray(np.where((t % 6.0 < 3.0)[:, None], jumps, waves) + np.array([0.0, 0.2, 0.4, 0.7]))
 
 
 @pytest.fixture(scope="module")

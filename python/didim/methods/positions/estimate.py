@@ -39,7 +39,13 @@ from .intervals import (
     widened,
 )
 from .knowledge import Held, by_sentence, unidentified, weak_pairs
-from .laws import other_softness, search_of_either_friction, searched, with_explained_stretches, without_pushes
+from .laws import (
+    other_softness,
+    search_of_either_friction,
+    searched,
+    with_explained_stretches,
+    without_pushes,
+)
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, normal_of
 from .stops import findings_of
