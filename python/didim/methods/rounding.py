@@ -64,12 +64,14 @@ def rounding_shift(
         return np.zeros_like(fit.solution)
     beta = job.selection.expand(fit.solution)
     x = job.parameters.lift(beta)
-    rounded = [
-        _rounded(job, part, job.parameters.standard(x, part.recording), delay, steps[part.recording])
-        if part.recording in seen
-        else replace(part, tau=_torque(job, part, job.parameters.standard(x, part.recording)))
-        for part in parts
-    ]
+    rounded = []
+    for part in parts:
+        standard = job.parameters.standard(x, part.recording)
+        if part.recording in seen:
+            rounded.append(_rounded(job, part, standard, delay, steps[part.recording]))
+        else:
+            tau = inverse_dynamics(job.robot, part.q, part.dq, part.ddq, standard)
+            rounded.append(replace(part, tau=tau))
     base = beta[: job.parameters.n_base]
     system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
     error, change = system.residual(fit.solution) * fit.weights, np.zeros_like(fit.solution)
@@ -81,11 +83,6 @@ def rounding_shift(
         # A joint that moves by less than a step has no column; its parameters remain.
         change[columns] = np.linalg.lstsq(a.T @ a, a.T @ error[rows], rcond=None)[0] / size
     return change
-
-
-def _torque(job: Job, part: Segment, x: Array) -> Array:
-    """Return the torques of the model along a window."""
-    return inverse_dynamics(job.robot, part.q, part.dq, part.ddq, x)
 
 
 def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Segment:

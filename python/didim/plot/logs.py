@@ -218,7 +218,8 @@ def _draw(upper: Any, lower: Any, pieces: Pieces, joint: int, labels: tuple[str,
         upper,
         [(t, measured) for t, measured, _ in columns],
         color=MEASURED,
-        linewidth=4.0,  # wide enough to show on both sides of the model's line where the two agree
+        # Wide enough to show on both sides of the model's line where the two agree.
+        linewidth=4.0,
         label=labels[0],
         solid_joinstyle="round",
     )

@@ -101,7 +101,7 @@ def _decimated(
     residual: Array,
     inverse_r: Array,
 ) -> Array:
-    """As `decimated`, for the columns of Q that each joint may have entries in, with these entries."""
+    """Compute the covariance of `decimated`; `q` has the columns of Q in which each joint may have entries, with these entries."""
     b, n = inverse_r.shape[0], len(system.joints)
     coloured, plain = np.zeros((n, b, b)), np.zeros((n, b, b))
     for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):

@@ -175,7 +175,7 @@ def validate_in_mujoco(
 
 
 class Logged(NamedTuple):
-    """What a replay of a recording needs.
+    """A recording to be replayed.
 
     `stretches` are compared, `shares` (n_joints,) are its gains over those of the controller, and `load` (10,) the inertial
     parameters of its payload in the frame of the last link.
@@ -188,6 +188,7 @@ class Logged(NamedTuple):
 
 
 def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
+    """Return the recordings of an experiment; stretches in which something holds or pushes a joint are not compared."""
     n = experiment.robot.n_dof
     if experiment.links != "fixed":
         every = list(range(n))

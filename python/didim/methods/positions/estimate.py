@@ -102,7 +102,8 @@ def identify_positions(
     rest, now = without_pushes(experiment, method, problem, now, options)
     again = rest is not problem and may_be_soft(experiment) and not rest.inertia
     problem = rest
-    if again:  # pushes hide the law of friction
+    if again:
+        # Pushes had hidden the law of friction.
         problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
     problem, now = with_explained_stretches(experiment, method, problem, now, options)
     over = errors_over_noise(problem, now)

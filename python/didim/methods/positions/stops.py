@@ -201,7 +201,8 @@ def pushed_stretches(
     limit = PUSHED * np.median(every)
     if not np.mean(every > limit) <= MOST_PUSHED:
         return [[] for _ in errors]
-    limit = max(limit, strongest * np.max(every))  # the strongest first: they raise the errors of others
+    # The strongest pushes are left out first, because they raise the errors of other blocks.
+    limit = max(limit, strongest * np.max(every))
     found = []
     for share, one, quiet, size, rows in zip(shares, e, noise, sizes, errors, strict=True):
         share[one < NOISY * quiet] = 0.0
