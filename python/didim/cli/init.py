@@ -25,7 +25,8 @@ def add(commands: Commands) -> None:
         metavar="LOG",
         type=Path,
         nargs="+",
-        help="text with one sample a line, .npz, .mat, .h5, or a ROS bag; several are recordings, or the signals of one recording",
+        help="text with one sample a line, .npz, .mat, .h5, .json of BAM, or a ROS bag; "
+        "several are recordings, or the signals of one recording",
     )
     parser.add_argument(
         "-o",

@@ -32,8 +32,9 @@ from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
-from .draft_files import assembled
+from .draft_files import Log, assembled
 from .draft_filters import choose_filters, sentence_of
+from .draft_pendulum import gain_lines, payload_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
 
@@ -162,10 +163,11 @@ def _tables(
     writers = [
         RecordingWriter(robot, source, name, file.name, options, draft) for source, name, file in recorded
     ]
-    lines = [line for writer in writers for line in writer.lines()]
+    logs = [source for source, _, _ in recorded]
+    lines = [*payload_lines(logs), *(line for writer in writers for line in writer.lines())]
     lines += _transmission(robot, draft) if any(writer.motors for writer in writers) else []
     if all(writer.positions_only for writer in writers):
-        return [*lines, *_servos(robot, options, draft)]
+        return [*lines, *_servos(robot, logs, options, draft)]
     recordings, in_torque = _recordings("\n".join(lines), robot, path)
     return [*lines, *_signal(robot, recordings, in_torque, draft)]
 
@@ -322,7 +324,7 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     return found, closed == text and all(recording.tau is not None for recording in found)
 
 
-def _servos(robot: Robot, options: DraftOptions, draft: Draft) -> list[str]:
+def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Draft) -> list[str]:
     """Return the lines of a fit on positions: fixed links, held commands, the law of the servos, and an unknown delay."""
     limbs = [limb for limb in limbs_of(robot) if len(limb.joints) < robot.n_dof]
     if limbs:
@@ -345,14 +347,17 @@ def _servos(robot: Robot, options: DraftOptions, draft: Draft) -> list[str]:
         "[controller]",
         'kind = "pd"',
     ]
+    of_logs = gain_lines(robot, logs, options.servo)
     for key in ("kp", "kv"):
         values = ", ".join(f"{value:.9g}" for value in options.servo.get(key, ()))
-        if values:
+        if key == "kp" and of_logs is not None:
+            lines.append(of_logs[0])
+        elif values:
             lines.append(f"{key} = [{values}]" if "," in values else f"{key} = {values}")
         else:
             lines.append(f"# {key}: those of the actuators of the robot file")
     lines.append("reference_velocity = 0.0")
-    return [*lines, *_limits(robot), "", *DELAY]
+    return [*lines, *_limits(robot), "", *DELAY, *(of_logs or ())[1:]]
 
 
 def _limits(robot: Robot) -> list[str]:

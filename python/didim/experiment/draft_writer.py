@@ -19,6 +19,7 @@ from ..robot.robot import Robot
 from .draft_columns import Column, listed
 from .draft_files import REPEATED, Log
 from .draft_filters import moving_window
+from .draft_pendulum import recording_lines
 
 TWO_TURNS = 4.0 * math.pi
 """Range of positions beyond which they are taken for degrees: two turns in radians, more than most joints move."""
@@ -131,7 +132,7 @@ class RecordingWriter:
 
     def lines(self) -> list[str]:
         """Return the lines of the table."""
-        lines = ["", "[[recording]]", f"name = {quoted(self.name)}"]
+        lines = ["", "[[recording]]", f"name = {quoted(self.name)}", *recording_lines(self.source)]
         stamps = [item for item in self.source.columns if item.what == "time"]
         # The header's stamp is the time of the measurement, another one the time of arrival.
         stamps.sort(key=lambda item: "stamp" not in str(item.name))

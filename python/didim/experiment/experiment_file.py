@@ -115,13 +115,13 @@ def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Exper
 def _refuse_other(path: Path) -> None:
     """Refuse a file of another kind by its name, with the command for it."""
     kind = path.suffix.lower()
-    if is_log(path):
-        raise ExperimentError(
-            f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
-        )
     if kind == ".json":
         raise ExperimentError(
             f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log"
+        )
+    if is_log(path):
+        raise ExperimentError(
+            f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
         )
     if kind == ".urdf":
         raise ExperimentError(

@@ -26,6 +26,7 @@ READERS: dict[str, str | Reader] = {
     ".hdf5": "didim.log.hdf5_file:Hdf5File",
     ".pt": "didim.log.torch_file:TorchFile",
     ".pth": "didim.log.torch_file:TorchFile",
+    ".json": "didim.log.formats.bam_file:BamFile",
 }
 """Readers of the other formats by suffix, or their location "module:name", imported when such a file is opened."""
 
