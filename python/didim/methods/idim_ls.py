@@ -10,10 +10,10 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
+from ..regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from .builder import Run, fitted, solved_status
-from .drive_gains import run_with_gains
 from .job import Delay, ratio
 from .method import FitSettings, MethodSettings
 
@@ -35,8 +35,6 @@ class IDIMLS(FitSettings):
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment)
-        if job.parameters.n_gains:
-            return run_with_gains(job, self, reporter)
         delay = job.delay()
         if delay.estimate is not None:
             reporter.say(str(delay.estimate))
@@ -60,9 +58,18 @@ class IDIMLS(FitSettings):
             )
             return reporter.progress(history[-1])
 
-        fit = job.solve(system, record)
-        if not history:  # a direct solver does not report iterations
-            record(1, fit.solution, fit.residual)
+        remarks: list[str] = []
+        if job.parameters.n_gains:
+            remarks = [expected_sentence(expected_percent(system, job.reduction))]
+            reporter.say(remarks[0])
+            estimate = drive_gains(system, job.reduction, job.settings)
+            fit, system = estimate.fit, estimate.system
+            last = fit.solution
+            record(estimate.iterations, fit.solution, fit.residual)
+        else:
+            fit = job.solve(system, record)
+            if not history:  # a direct solver does not report iterations
+                record(1, fit.solution, fit.residual)
         run = Run(
             job=job,
             method=self,
@@ -70,8 +77,9 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
+            remarks=remarks,
         )
-        return fitted(run, system, fit, parts=parts)
+        return fitted(run, system, fit, parts=() if job.parameters.n_gains else parts)
 
 
 def direct_estimate(
