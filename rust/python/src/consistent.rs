@@ -104,13 +104,6 @@ impl ConsistentSolutions {
         self.solved.iter().map(|solution| solution.iterations).collect()
     }
 
-    /// Largest violations of complementarity (nats), stationarity (scaled) and feasibility (relative) of each.
-    #[getter]
-    fn measures(&self) -> Vec<(f64, f64, f64)> {
-        let measures = |s: &Solution| (s.complementarity, s.stationarity, s.infeasibility);
-        self.solved.iter().map(measures).collect()
-    }
-
     /// Multipliers of the cones of one solution, row-major.
     fn multipliers(&self, solution: usize) -> Vec<Vec<f64>> {
         self.solved.get(solution).map_or_else(Vec::new, |solution| solution.multipliers.clone())

@@ -27,7 +27,6 @@ pub(super) fn base_parameters(py: Python<'_>, robot: &Robot) -> PyResult<(Vec<us
 pub(super) struct LeastSquares {
     solution: Vec<f64>,
     inverse_r: Mat<f64>,
-    diagonal_r: Vec<f64>,
     singular_values: Vec<f64>,
     residual_norm: f64,
     dependent: Vec<(usize, Vec<(usize, f64)>)>,
@@ -45,11 +44,6 @@ impl LeastSquares {
         let (rows, columns) = (self.inverse_r.nrows(), self.inverse_r.ncols());
         let data = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j)));
         PyArray1::from_iter(py, data.map(|(i, j)| self.inverse_r[(i, j)])).reshape([rows, columns])
-    }
-
-    #[getter]
-    fn diagonal_r<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.diagonal_r)
     }
 
     #[getter]
@@ -84,7 +78,6 @@ pub(super) fn least_squares(
     Ok(LeastSquares {
         solution: solution.solution,
         inverse_r: solution.inverse_r,
-        diagonal_r: solution.diagonal_r,
         singular_values: solution.singular_values,
         residual_norm: solution.residual_norm,
         dependent: solution.dependent.into_iter().map(|d| (d.column, d.coefficients)).collect(),

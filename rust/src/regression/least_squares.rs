@@ -49,8 +49,6 @@ pub struct Solution {
     pub r: Mat<f64>,
     /// `R^-1`, upper triangular.
     pub inverse_r: Mat<f64>,
-    /// Diagonal of `R`.
-    pub diagonal_r: Vec<f64>,
     /// Singular values of the whole `W`, unscaled, in descending order.
     pub singular_values: Vec<f64>,
     /// `|y - W x|`.
@@ -153,7 +151,6 @@ pub fn solve(w: MatRef<'_, f64>, y: &[f64], tolerance: f64) -> Result<Solution, 
         Mat::from_fn(n, n, |i, j| if i <= j { inverse_r[(i, j)] * sign(j) / norm(i) } else { 0.0 });
     Ok(Solution {
         residual_norm: residual_norm(w, y, &independent, &solution),
-        diagonal_r: (0..n).map(|i| r[(i, i)]).collect(),
         independent,
         dependent,
         solution,

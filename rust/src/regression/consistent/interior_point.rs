@@ -89,12 +89,6 @@ pub struct Solution {
     pub ending: Ending,
     /// Newton systems factored.
     pub iterations: usize,
-    /// Largest `|lambda(S Z) - gamma|`, in nats.
-    pub complementarity: f64,
-    /// Largest dual residual, unknowns scaled by their curvature.
-    pub stationarity: f64,
-    /// Largest `|F(x) - S|`, relative.
-    pub infeasibility: f64,
     /// Multiplier `Z` of each cone, row-major; empty for a cone without unknowns.
     pub multipliers: Vec<Vec<f64>>,
 }
@@ -226,10 +220,6 @@ impl<'a> Iterate<'a> {
         }
     }
 
-    fn stationarity(&self) -> f64 {
-        self.residual.component_mul(&self.scale).amax()
-    }
-
     fn largest(&self, measure: impl Fn(&dyn Block) -> f64) -> f64 {
         self.blocks.iter().map(|block| measure(block.as_ref())).fold(0.0, f64::max)
     }
@@ -352,9 +342,6 @@ impl<'a> Iterate<'a> {
             x: self.x.as_slice().to_vec(),
             ending,
             iterations,
-            complementarity: self.largest(|block| block.complementarity()),
-            stationarity: self.stationarity(),
-            infeasibility: self.largest(|block| block.infeasibility()),
             multipliers: self.blocks.iter().map(|block| block.multiplier()).collect(),
         }
     }
