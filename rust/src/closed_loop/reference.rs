@@ -74,15 +74,16 @@ pub enum ReferenceError {
 const BLOCK: usize = 4;
 /// Number of coefficients of a piece.
 const DEGREES: usize = 6;
+/// Coefficients of a piece for neighbouring joints, from the constant ones; zero beyond the last joint.
+type Block = [[f64; BLOCK]; DEGREES];
 
 /// A reference motion of `n` joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     n: usize,
-    stride: usize,
     times: Vec<f64>,
-    /// `[piece][degree][joint]`, joints padded to `stride`.
-    coefficients: Vec<f64>,
+    /// Piece by piece, as many blocks as the joints fill.
+    coefficients: Vec<Block>,
     breaks: Vec<f64>,
 }
 
@@ -144,19 +145,19 @@ impl Reference {
                 return Err(ReferenceError::NotFinite { what, joint: at % n + 1, knot: at / n + 1 });
             }
         }
-        let stride = n.next_multiple_of(BLOCK);
-        let mut coefficients = vec![0.0; (knots - 1) * DEGREES * stride];
-        for (k, piece) in coefficients.chunks_exact_mut(DEGREES * stride).enumerate() {
+        let blocks = n.div_ceil(BLOCK);
+        let mut coefficients = vec![Block::default(); (knots - 1) * blocks];
+        for (k, piece) in coefficients.chunks_exact_mut(blocks).enumerate() {
             let h = times[k + 1] - times[k];
             for j in 0..n {
                 let (a, b) = (k * n + j, (k + 1) * n + j);
                 let c = quintic(h, [q[a], dq[a], ddq[a]], [q[b], dq[b], ddq[b]]);
                 for (degree, value) in c.into_iter().enumerate() {
-                    piece[degree * stride + j] = value;
+                    piece[j / BLOCK][degree][j % BLOCK] = value;
                 }
             }
         }
-        Ok(Self { n, stride, times, coefficients, breaks: Vec::new() })
+        Ok(Self { n, times, coefficients, breaks: Vec::new() })
     }
 
     /// Through samples at a constant rate (Hz), `(samples, n)` row-major, the first at time 0.
@@ -228,12 +229,10 @@ impl Reference {
     ) -> Result<Self, ReferenceError> {
         let zeros = vec![0.0; times.len() * n];
         let mut reference = Self::from_knots(n, times, &zeros, &zeros, &zeros)?;
-        let stride = reference.stride;
-        for (coefficients, piece) in reference.coefficients.chunks_exact_mut(DEGREES * stride).zip(pieces) {
+        for (coefficients, piece) in reference.coefficients.chunks_exact_mut(n.div_ceil(BLOCK)).zip(pieces) {
             for (j, [q, v, a]) in piece.iter().enumerate() {
-                coefficients[j] = *q;
-                coefficients[stride + j] = *v;
-                coefficients[2 * stride + j] = 0.5 * a;
+                let [c0, c1, c2, ..] = &mut coefficients[j / BLOCK];
+                (c0[j % BLOCK], c1[j % BLOCK], c2[j % BLOCK]) = (*q, *v, 0.5 * a);
             }
         }
         reference.breaks = reference.times[1..reference.times.len() - 1].to_vec();
@@ -277,20 +276,18 @@ impl Reference {
         while *piece > 0 && t < self.times[*piece] {
             *piece -= 1;
         }
-        let size = DEGREES * self.stride;
-        let c = &self.coefficients[*piece * size..(*piece + 1) * size];
+        let blocks = self.n.div_ceil(BLOCK);
         let s = Lanes::<V::Wide>::splat(t - self.times[*piece]);
-        for block in (0..self.stride).step_by(BLOCK) {
-            // Not `from_fn` of an array: a call, compiled for the oldest processor.
-            let of =
-                |degree: usize| Lanes::<V::Wide>::from_slice(&c[degree * self.stride + block..][..BLOCK]);
+        for (k, c) in self.coefficients[*piece * blocks..][..blocks].iter().enumerate() {
+            // Not `map` of the array: a call, compiled for the oldest processor.
+            let of = |degree: usize| Lanes::<V::Wide>::from_slice(&c[degree]);
             let [c0, c1, c2, c3, c4, c5] = [of(0), of(1), of(2), of(3), of(4), of(5)];
             let q = s.mul_add(s.horner([c5, c4, c3, c2, c1]), c0);
             let dq = s.horner([c5.scale(5.0), c4.scale(4.0), c3.scale(3.0), c2.scale(2.0), c1]);
             let ddq = s.horner([c5.scale(20.0), c4.scale(12.0), c3.scale(6.0), c2.scale(2.0)]);
-            q.store(&mut target.q[block..]);
-            dq.store(&mut target.dq[block..]);
-            ddq.store(&mut target.ddq[block..]);
+            q.store(&mut target.q[k * BLOCK..]);
+            dq.store(&mut target.dq[k * BLOCK..]);
+            ddq.store(&mut target.ddq[k * BLOCK..]);
         }
     }
 }

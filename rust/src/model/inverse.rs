@@ -89,8 +89,9 @@ pub(super) fn carry<V: Set, S: Arm, const CHAIN: bool>(
     inwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
         tau[j] += wrenches[j].felt(step.form.turns);
-        if !step.form.root {
-            let parent = if CHAIN { j.saturating_sub(1) } else { step.before(place) };
+        let standing = if CHAIN { j > 0 } else { !step.form.root };
+        if standing {
+            let parent = if CHAIN { j - 1 } else { step.before(place) };
             wrenches[parent] = wrenches[parent].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
         }
     });
@@ -165,7 +166,8 @@ impl Kernel for Batch<'_> {
         let n = geometry.n();
         let drives = Drives::of(self.robot);
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);
-        let (mut result, mut state) = (Inverse::new(&geometry), State::zero());
+        let mut result = Inverse::new(&geometry);
+        let mut state = State::zero();
         for (block, out) in self.tau.chunks_mut(n * V::L).enumerate() {
             state.load(n, block * V::L, self.q, self.dq, self.ddq);
             result.solve(&geometry, &drives, &links, &state);

@@ -40,7 +40,7 @@ impl<V: Set> State<V> {
             let wide = V::of(|l| rows[(row + l).min(last) * n..].first_chunk::<FEW>());
             if n <= FEW && wide.as_ref().iter().all(Option::is_some) {
                 let wide = V::of(|l| wide[l].unwrap_or(&[0.0; FEW]));
-                for j in 0..n {
+                for j in 0..n.min(FEW) {
                     values[j] = Lanes::each(|l| wide[l][j]);
                 }
             } else {

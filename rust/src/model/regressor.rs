@@ -142,7 +142,8 @@ impl Kernel for Batch<'_> {
         let sample = n * p;
         // Samples that do not fill the last block go through a block of their own.
         let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * V::L) { 0 } else { sample * V::L }];
-        let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        let mut walk = Walk::<V>::new(&geometry);
+        let mut state = State::zero();
         let mut load = [Lanes::zero(); MAX_DOF];
         for (block, out) in self.w.chunks_mut(sample * V::L).enumerate() {
             state.load(n, block * V::L, self.q, self.dq, self.ddq);

@@ -97,8 +97,7 @@ impl<V: Set> Walk<V> {
     #[inline(always)]
     pub fn step<const CHAIN: bool>(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
         if CHAIN {
-            self.depth = j;
-            return self.move_on(geometry, j, state);
+            return self.move_on(geometry, j, j, state);
         }
         let mut first = j;
         if geometry.step(At(j)).form.branches {
@@ -120,7 +119,7 @@ impl<V: Set> Walk<V> {
         let mut k = first;
         loop {
             if k == j || geometry.carries(k, j) {
-                self.move_on(geometry, k, state);
+                self.move_on(geometry, k, self.depth, state);
             }
             if k == j {
                 break;
@@ -129,13 +128,14 @@ impl<V: Set> Walk<V> {
         }
     }
 
+    /// Moves on through joint `j`, which `before` others carry.
     #[inline(always)]
-    fn move_on(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
+    fn move_on(&mut self, geometry: &Geometry, j: usize, before: usize, state: &State<V>) {
         let (place, step) = (At(j), geometry.step(At(j)));
         let j = place.index();
         let pose = self.frames.pose(j);
         self.link.move_on::<_, true>(place, &step, pose, state.dq[j], state.ddq[j]);
-        let before = self.depth.min(MAX_DOF - 1);
+        let before = before.min(MAX_DOF - 1);
         by_twist!(step, T => for axis in &mut self.axes[..before] {
             *axis = axis.stepped::<T>(&step, pose);
         });
@@ -163,13 +163,13 @@ impl<V: Set> Walk<V> {
 
     /// The row of these columns of a joint further in, the `i`-th from the base.
     #[inline(always)]
-    fn row(&self, i: usize, unit: &UnitWrenches<V>) -> [Lanes<V>; INERTIAL] {
+    fn row(&self, i: usize, unit: &UnitWrenches<'_, V>) -> [Lanes<V>; INERTIAL] {
         let Axis { u, w } = self.axes[i];
         let mut row = [Lanes::zero(); INERTIAL];
         for k in 0..6 {
             row[k] = u.dot(unit.inertia[k]);
         }
-        let Link { a, u: angular, .. } = &unit.link;
+        let Link { a, u: angular, .. } = unit.link;
         row[6] = u.z.mul_add(a.y, u.y.neg_mul_add(a.z, w.dot(angular.column(0))));
         row[7] = u.x.mul_add(a.z, u.z.neg_mul_add(a.x, w.dot(angular.column(1))));
         row[8] = u.y.mul_add(a.x, u.x.neg_mul_add(a.y, w.dot(angular.column(2))));
@@ -179,9 +179,9 @@ impl<V: Set> Walk<V> {
 
     /// The same of the link's own joint, which turns or not.
     #[inline(always)]
-    fn own_row(turns: bool, unit: &UnitWrenches<V>) -> [Lanes<V>; INERTIAL] {
+    fn own_row(turns: bool, unit: &UnitWrenches<'_, V>) -> [Lanes<V>; INERTIAL] {
         let mut row = [Lanes::zero(); INERTIAL];
-        let Link { a, u: angular, .. } = &unit.link;
+        let Link { a, u: angular, .. } = unit.link;
         if turns {
             for k in 0..6 {
                 row[k] = unit.inertia[k].z;
@@ -199,14 +199,14 @@ impl<V: Set> Walk<V> {
 
 /// Moments of unit inertias (`XX XY XZ YY YZ ZZ`), and what forces and moments of the first moments and the mass follow from.
 #[derive(Debug, Clone, Copy)]
-struct UnitWrenches<V: Set> {
+struct UnitWrenches<'a, V: Set> {
     inertia: [Vector<V>; 6],
-    link: Link<V>,
+    link: &'a Link<V>,
 }
 
-impl<V: Set> UnitWrenches<V> {
+impl<'a, V: Set> UnitWrenches<'a, V> {
     #[inline(always)]
-    fn of(link: &Link<V>) -> Self {
+    fn of(link: &'a Link<V>) -> Self {
         let [xx, yy, zz, xy, xz, yz] = link.u.products;
         let d = link.domega;
         Self {
@@ -218,7 +218,7 @@ impl<V: Set> UnitWrenches<V> {
                 Vector::new(yy - zz, d.z - xy, d.y + xz),
                 Vector::new(yz, -xz, d.z),
             ],
-            link: *link,
+            link,
         }
     }
 }

@@ -142,12 +142,14 @@ impl Geometry {
     pub fn of(robot: &Robot) -> Self {
         let n = robot.n_joints();
         let mut steps = [Numbers::STILL; MAX_DOF];
-        for (j, step) in steps.iter_mut().enumerate().take(n) {
-            *step = Numbers::of(robot, j);
+        let (mut forms, mut parents) = ([StepForm::STILL; MAX_DOF], [0; MAX_DOF]);
+        for j in 0..n {
+            steps[j] = Numbers::of(robot, j);
+            (forms[j], parents[j]) = (steps[j].form, steps[j].parent);
         }
-        let forms = complete(steps.map(|step| step.form), &steps.map(|step| step.parent), n);
-        for (step, form) in steps.iter_mut().zip(forms) {
-            step.form = form;
+        let forms = complete(forms, &parents, n);
+        for j in 0..n {
+            steps[j].form = forms[j];
         }
         let chain = !steps[..n].iter().any(|step| step.form.branches);
         Self { n, chain, steps, gravity: robot.gravity(), shape: PhantomData }
