@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from ...errors import RobotError
 from ..transmission import Actuator
+from .mjcf_sections import by_class
 from .xml_spans import Element
 
 SHORTCUTS = (
@@ -131,29 +132,6 @@ def _numbers(element: Element, key: str, default: tuple[float, ...], where: str)
     return (*values, *default[len(values) :])[: len(default)]
 
 
-Defaults = dict[str, Setting]
-"""Settings of the actuators by class."""
-
-
-def actuator_defaults(sections: list[Element], where: str) -> Defaults:
-    """Return the actuator settings of a file's classes."""
-    found = {"main": Setting()}
-
-    def read(element: Element, name: str) -> None:
-        for child in element.children:
-            if child.tag in SHORTCUTS:
-                found[name] = found[name].with_element(child, where)
-        for child in element.all("default"):
-            inner = child.attributes.get("class", "")
-            found[inner] = found[name]
-            read(child, inner)
-
-    for section in sections:
-        if section.tag == "default":
-            read(section, "main")
-    return found
-
-
 def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[Element, Setting]]:
     """Return the last actuator of each joint that has one, by name of the joint.
 
@@ -162,7 +140,11 @@ def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[El
     RobotError
         For an unknown class, or a text in place of numbers.
     """
-    defaults = actuator_defaults(sections, where)
+    defaults = by_class(
+        sections,
+        Setting(),
+        lambda own, child: own.with_element(child, where) if child.tag in SHORTCUTS else own,
+    )
     found: dict[str, tuple[Element, Setting]] = {}
     for section in sections:
         for element in section.children if section.tag == "actuator" else ():

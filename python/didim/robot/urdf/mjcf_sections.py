@@ -5,8 +5,9 @@ Tested in ``tests/test_mjcf.py`` and ``tests/test_couplings.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from ...errors import RobotError
 from .description import UrdfJoint
@@ -35,8 +36,12 @@ class Compiler:
     autolimits: bool = True
 
 
-Defaults = Mapping[str, Mapping[str, Mapping[str, str]]]
+_Attributes = Mapping[str, Mapping[str, str]]
+
+Defaults = Mapping[str, _Attributes]
 """Attributes by class and tag."""
+
+_Defaults = TypeVar("_Defaults")
 
 
 def compiler_of(sections: list[Element], where: str) -> Compiler:
@@ -66,18 +71,27 @@ def compiler_of(sections: list[Element], where: str) -> Compiler:
 
 def defaults_of(sections: list[Element]) -> Defaults:
     """Return the attributes of all classes, those of an outer class included."""
-    found: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+
+    def extended(own: _Attributes, child: Element) -> _Attributes:
+        return {**own, child.tag: {**own.get(child.tag, {}), **child.attributes}}
+
+    return by_class(sections, {}, extended)
+
+
+def by_class(
+    sections: list[Element], outermost: _Defaults, extended: Callable[[_Defaults, Element], _Defaults]
+) -> dict[str, _Defaults]:
+    """Return the defaults of each class: those of the class around it, extended by each element of its own."""
+    found = {"main": outermost}
 
     def read(element: Element, name: str) -> None:
-        own = found[name]
         for child in element.children:
             if child.tag != "default":
-                own[child.tag] = {**own.get(child.tag, {}), **child.attributes}
-        for child in element.children:
-            if child.tag == "default":
-                inner = child.attributes.get("class", "")
-                found[inner] = {tag: dict(values) for tag, values in own.items()}
-                read(child, inner)
+                found[name] = extended(found[name], child)
+        for child in element.all("default"):
+            inner = child.attributes.get("class", "")
+            found[inner] = found[name]
+            read(child, inner)
 
     for section in sections:
         if section.tag == "default":
