@@ -44,7 +44,9 @@ def test_more_rows_than_one_block_are_numpys() -> None:
     w, y = system(20_011, 12, 4)
     found = _core.least_squares(w, y)
     np.testing.assert_allclose(found.solution, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-10)
-    np.testing.assert_allclose(1.0 / np.diag(found.inverse_r), np.abs(np.diag(np.linalg.qr(w)[1])), rtol=1e-12)
+    np.testing.assert_allclose(
+        1.0 / np.diag(found.inverse_r), np.abs(np.diag(np.linalg.qr(w)[1])), rtol=1e-12
+    )
 
 
 def test_dependent_columns_come_with_what_they_depend_on() -> None:
