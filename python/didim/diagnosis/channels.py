@@ -118,7 +118,7 @@ def check_channels(recording: Recording) -> list[Finding]:
         else:
             found += [] if is_constant(channel.values) else _clipped(channel)
         found += _coarse(channel)
-    return [*_told_jumps(recording, jumps), *found]
+    return [*_reported_jumps(recording, jumps), *found]
 
 
 def _same(values: Array) -> NDArray[np.bool_]:
@@ -183,7 +183,7 @@ def _jumps(channel: Channel) -> list[int]:
     return [int(place) + 1 for place in places[first]]
 
 
-def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> list[Finding]:
+def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> list[Finding]:
     """Tell samples that are missing, where several channels jump at once, from the glitch of one of them."""
     starts = {start for start, _ in recording.windows}
     by_sample: dict[int, list[Channel]] = {}

@@ -94,7 +94,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
         )
         return
     uneven = np.abs(steps - period) > STEP_TOLERANCE * period
-    # Samples that are missing count, so that jitter, whose median step is not its mean one, is no other rate.
+    # Samples that are missing count, so jitter, whose median step is not its mean, does not change the rate.
     finite = steps[np.isfinite(steps)]
     measured = float(np.rint(finite / period).sum() / finite.sum())
     for place in np.flatnonzero(uneven).tolist():

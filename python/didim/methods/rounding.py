@@ -18,7 +18,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..model.dynamics import inverse_dynamics
 from ..regression.fit import Fit
-from ..regression.linear_system import linear_system
+from ..regression.linear_system import linear_system, unit_columns
 from ..signal.align import align
 from ..signal.filters import differentiate
 from ..signal.segments import Segment, trimmed
@@ -76,10 +76,7 @@ def rounding_shift(
     system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
     error, change = system.residual(fit.solution) * fit.weights, np.zeros_like(fit.solution)
     for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
-        a = matrix * fit.weights[rows, None]
-        size = np.linalg.norm(a, axis=0)
-        size[size == 0.0] = 1.0
-        a /= size
+        a, size = unit_columns(matrix * fit.weights[rows, None])
         # A joint that moves by less than a step has no column; its parameters remain.
         change[columns] = np.linalg.lstsq(a.T @ a, a.T @ error[rows], rcond=None)[0] / size
     return change

@@ -288,6 +288,13 @@ class LinearSystem:
         )
 
 
+def unit_columns(a: Array) -> tuple[Array, Array]:
+    """Return the columns of a matrix (r, b) with norm 1, and their norms, (b,); a column of zeros stays, with norm 1."""
+    size = np.linalg.norm(a, axis=0)
+    size[size == 0.0] = 1.0
+    return a / size, size
+
+
 def check_size(system: LinearSystem) -> None:
     """Refuse torques and columns whose sum of squares overflows.
 

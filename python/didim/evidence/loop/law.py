@@ -29,7 +29,7 @@ ASTRAY = 0.3
 GAIN = 0.03
 """Smallest relative difference of a gain from the declared one that is reported."""
 ANSWER = (0.01, 100.0)
-"""Range of gains over the declared ones that are an answer, other units included: others are no gains of a controller."""
+"""Range of gains over the declared ones that are an answer, other units included; a controller does not have others."""
 GAIN_SIGMAS = 5.0
 """Smallest difference of a gain, in its standard deviations, that is reported."""
 LAGS = (-3.0, -1.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0)

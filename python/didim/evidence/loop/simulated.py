@@ -90,7 +90,7 @@ def compare_motions(signal: SignalProcessing, pieces: Sequence[Piece]) -> Motion
     missed, moved = np.zeros(n), np.zeros(n)
     for q, q_s, _, _ in pieces:
         if q is not None:
-            # Noise of the encoder is no motion that the simulated robot misses.
+            # The simulated robot need not follow the noise of the encoder.
             noise = white_noise(q) if len(q) > 5 else np.zeros(n)
             missed += np.maximum(np.sum((q_s - q) ** 2, axis=0) - len(q) * noise**2, 0.0)
             moved += np.sum((q - q.mean(axis=0)) ** 2, axis=0)
@@ -121,13 +121,13 @@ def simulated_findings(
     Parameters
     ----------
     experiment : Experiment
-        What the result was made of.
+        Experiment of the result.
     comparison : MotionComparison
         Simulated and measured motion.
     least : callable
         Returns the errors of IDIM-LS.
     doubted : bool
-        Whether other evidence is against it: IDIM-LS is run then, or where something is found here.
+        Whether other evidence is against it: IDIM-LS is run then, and after any finding.
     """
     findings = [*motion_findings(experiment, comparison), *slope_findings(comparison)]
     if findings or doubted:

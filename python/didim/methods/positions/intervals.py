@@ -141,7 +141,7 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
 def errors_over_noise(problem: Problem, now: Search) -> Array:
     """Return the rms errors over their white part, (n_dof,): 1 where a model is exact, 0 of joints without a fit.
 
-    The rounding of an encoder counts as white, for it is no error of a model, even where a joint rests on one count.
+    The rounding of an encoder counts as white, because it is not an error of the model, even where a joint rests on one count.
     """
     squares, noise, count = (np.zeros(problem.robot.n_dof) for _ in range(3))
     for item, weight, rows in zip(problem.rollouts, problem.weights, now.errors, strict=True):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
 
 SOFTER = 0.98
-"""Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: less is no reason for another simulation."""
+"""Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: a smaller gain does not justify a search."""
 MOST_ROUNDS = 6
 """Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2

@@ -183,7 +183,7 @@ def pushed_stretches(
     errors, ahead : sequence of (n_samples,) array
         Errors of simulated positions, and commands less measured positions (rad or m): a fast motion has larger ones of both.
     noise : sequence of float
-        Noise of the encoders (rad or m): errors of its size are no push.
+        Noise of the encoders (rad or m): errors of its size do not show a push.
     rates_hz : sequence of float
         Samples per second of the rollouts.
     strongest : float

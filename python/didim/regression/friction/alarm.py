@@ -37,7 +37,7 @@ from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..fit import Fit
 from ..jackknife import Rows, intervals
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 from .tested_laws import LawColumns, laws_to_test
 from .velocity import decimated
 
@@ -235,10 +235,8 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
     names = [*system.names, *system.slopes]
     b, n = len(system.names), len(names)
     others = [column for _, column in system.alternatives]
-    a = np.column_stack([system.w, *system.slopes.values(), *others]) * fit.weights[:, None]
-    size = np.linalg.norm(a, axis=0)
-    size[size == 0.0] = 1.0
-    a /= size
+    every = np.column_stack([system.w, *system.slopes.values(), *others])
+    a, size = unit_columns(every * fit.weights[:, None])
     products, torques = a.T @ a, a.T @ (system.y * fit.weights)
     # At the estimate all velocities are the best: their columns have no share of the torque.
     best = np.zeros(n)
@@ -264,9 +262,8 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
         # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
         slopes = {k: slope[rows] for k, slope in enumerate(system.slopes.values()) if slope[rows].any()}
         w = np.column_stack([matrix, *slopes.values()]) * fit.weights[rows, None]
-        size = np.linalg.norm(w, axis=0)
-        size[size == 0.0] = 1.0
-        q, r = np.linalg.qr(w / size)
+        unit, size = unit_columns(w)
+        q, r = np.linalg.qr(unit)
         found.append(
             _Limb(
                 joints=tuple(int(joint) for joint in np.flatnonzero(np.isin(starts, rows))),

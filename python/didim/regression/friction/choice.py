@@ -65,7 +65,7 @@ class FrictionChoice:
     held_out_before, held_out_after : float
         Relative error of the held-out blocks without the terms and with them (1 = 100 %).
     without_memory : dict
-        Joints, from 0, at which memory of small displacements is no candidate, since encoder or rate are too coarse for it, and
+        Joints, from 0, at which memory of small displacements is not a candidate, since encoder or rate are too coarse for it, and
         the smallest displacement that is (rad or m).
     """
 
