@@ -28,6 +28,7 @@ from peer.timing import Contestant, Figures, alternate, one_core, seconds
 
 import didim
 from didim.experiment.experiment import Experiment
+from didim.experiment.specs import Measurement
 from didim.log.recording import Recording
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.tuning import mean_inertia
@@ -38,9 +39,11 @@ from didim.regression.settings import LeastSquaresSettings
 from didim.robot.placement import Mount
 from didim.robot.robot import Geometry, Robot
 from didim.signal.processing import SignalProcessing
+from didim.studies.simulated_log import measured as with_noise
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from robots import make_robot, random_motion, random_parameters
+from simulated import closed_loop_log
 
 Array = NDArray[np.float64]
 
@@ -62,6 +65,8 @@ LEG_SAMPLES = 500
 """Rows of each joint where legs are counted."""
 LEG_LOG_S = 20.0
 """Length of the log of legs."""
+LOOP_METHODS = (didim.DIDIM(physical=False), didim.CLOE(start="idim-ls", output="both"))
+"""Methods that simulate, over the log of legs in closed loop."""
 BATCH, CACHED = 1024, 256
 """Samples where joints are counted; of the regressor, whose 12 joints would fill more than a cache."""
 LIMITS: dict[str, Any] = {
@@ -72,6 +77,8 @@ LIMITS: dict[str, Any] = {
 """Limits of the random motions (rad, rad/s, rad/s^2)."""
 TORQUE_NOISE = 0.1
 """Standard deviation (N.m) in the logs."""
+ENCODER_NOISE = 1e-6
+"""Standard deviation of positions (rad) in the logs of legs in closed loop."""
 
 
 @dataclass(frozen=True)
@@ -225,12 +232,28 @@ def over_legs(quick: bool) -> list[Curve]:
         runs.setdefault("IDIM-LS, arrays to estimate and verdict", {})[count] = partial(
             didim.identify, _legs_log(robot, rng), didim.IDIMLS()
         )
+        in_loop = _legs_in_loop(robot, rng)
+        for method in LOOP_METHODS:
+            runs.setdefault(f"{method.name}, simulations and verdict", {})[count] = partial(
+                didim.identify, in_loop, method
+            )
         # A system of its own each time: it remembers which rows share what.
         solution = f"solution of {LEG_SAMPLES} samples, sigma included"
         runs.setdefault(solution, {})[count] = partial(_solved, system)
         for name, run in _chain(robot, rng).items():
             runs.setdefault(name, {})[count] = run
-    return [Curve(name, "legs", by_size, more_rounds=MORE_ROUNDS) for name, by_size in runs.items()]
+    return [
+        Curve(name, "legs", by_size, more_rounds=1 if "simulations" in name else MORE_ROUNDS)
+        for name, by_size in runs.items()
+    ]
+
+
+def _legs_in_loop(robot: Robot, rng: np.random.Generator) -> Experiment:
+    """Return a log of legs in closed loop, whose noise is white: its verdict looks for no cause of the residual."""
+    n = robot.n_dof
+    clean = closed_loop_log(robot, random_parameters(rng, robot))
+    noise = Measurement(torque_noise=(TORQUE_NOISE,) * n, position_noise=(ENCODER_NOISE,) * n, seed=0)
+    return with_noise(replace(clean, measurement=noise), 0)
 
 
 def _legs_log(robot: Robot, rng: np.random.Generator) -> Experiment:

@@ -45,6 +45,7 @@ def test_a_quick_run(project: Path, tmp_path: Path) -> None:
         "seconds of the log",
         "seconds of the motion",
         "joints",
+        "legs",
         "candidates",
         "threads",
     }
