@@ -19,6 +19,7 @@ from didim.diagnosis.channels import Channel, _stuck
 from didim.diagnosis.check import loop_table
 from didim.evidence.causes import Search
 from didim.evidence.gain_check import gain_information
+from didim.evidence.hypotheses.geometry import gravities, with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.loop.law import Recovered, _gains
 from didim.evidence.loop.law_rows import LawRows
@@ -165,6 +166,13 @@ def test_a_gain_that_differs(factor: float, sigma: float, told: int) -> None:
     )
     found = Recovered(("kp",), np.array([[factor]]), np.array([[sigma]]), np.ones(1), cast(Any, rows))
     assert len(_gains(found, [0]).facts["gains"]) == told
+
+
+def test_gravity_that_a_robot_file_lacks_is_that_of_the_earth() -> None:
+    robot = with_geometry(didim.load_robot("planar2"), gravity=(0.0, 0.0, 0.0))
+    found = [item.facts["vector"] for item in gravities(stub(robot=robot))]
+    assert [-9.81, 0.0, 0.0] in found
+    assert np.linalg.norm(np.array(found), axis=1).tolist() == [9.81] * 6
 
 
 def test_six_causes_are_decided(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,13 +88,18 @@ def test_exchangeable_unknowns_widen_each_other_by_rounding() -> None:
     assert f == pytest.approx(np.sqrt(0.5e13) * np.ones(2), rel=1e-6)
 
 
-@pytest.mark.parametrize(("deviations", "told"), [(2.9, 0), (3.1, 1)])
-def test_a_joint_unlike_its_siblings(deviations: float, told: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("value", "std", "told"), [(2.0, 1.0 / 2.9, 0), (2.0, 1.0 / 3.1, 1), (1.38, 0.0, 0), (1.42, 0.0, 1)]
+)
+def test_a_joint_unlike_its_siblings(
+    value: float, std: float, told: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By three standard deviations, and by four tenths of theirs."""
     limbs = [{"joints": [k + 1], "roles": ["knee"]} for k in range(3)]
     monkeypatch.setattr(estimate, "_limbs", lambda problem: limbs)
     rows = [
-        {"joints": [k + 1], "kind": "Fv", "by": "log", "unit": "", "value": value, "std": std}
-        for k, (value, std) in enumerate([(1.0, 9.0), (1.0, 9.0), (2.0, 1.0 / deviations)])
+        {"joints": [k + 1], "kind": "Fv", "by": "log", "unit": "", "value": own, "std": error}
+        for k, (own, error) in enumerate([(1.0, 9.0), (1.0, 9.0), (value, std)])
     ]
     problem = stub(robot=stub(joint_label=lambda joint: f"joint {joint + 1}"))
     assert len(estimate._unlike(problem, rows)) == told

@@ -22,7 +22,7 @@ import didim.regression.gains.maximum_likelihood as maximum_likelihood
 from didim.regression.block import Block, stacked
 from didim.regression.classical.instrumental import instrumented
 from didim.regression.consistent.prior import Prior, generic_prior
-from didim.regression.consistent.solver import _inflation
+from didim.regression.consistent.solver import Consistent, _inflation
 from didim.regression.delay import _Search
 from didim.regression.friction.candidates import _offers
 from didim.regression.friction.screen import Screen, _Fold, _solved, _State, _Step, clear
@@ -113,6 +113,15 @@ def test_standstill_of_a_hundredth_of_a_log(samples: int, offered: bool) -> None
     assert any(term.law == "rest" for term, _ in terms) is offered
 
 
+@pytest.mark.parametrize(("zone", "slowest"), [(0.024, 0.05), (0.026, 0.12)])
+def test_a_law_has_a_velocity_of_two_dead_zones(zone: float, slowest: float) -> None:
+    one = [np.ones((20, 1))]
+    part = stub(q=np.ones((20, 2)), dq=np.ones((20, 2)))
+    terms, _ = _offers(planar(dead_zone=zone), 0, [part], one, one, [np.ones((20, 2))], np.inf)
+    assert min(term.velocity for term, _ in terms if term.law == "stribeck") == slowest
+    assert min(term.velocity for term, _ in terms if term.law == "atan") >= 2.0 * zone
+
+
 def test_a_gain_that_the_known_load_hardly_shows() -> None:
     assert expected_sentence(np.array([3.0, 19.5])).endswith("3, 20 %")
     assert expected_sentence(np.array([3.0, 20.5])).endswith("3, 20 %; the known load hardly reaches joint 2")
@@ -125,9 +134,8 @@ def test_a_residual_counts_as_a_billionth_of_the_torque_at_least() -> None:
     assert joint_sigma(system, np.zeros(30)) == pytest.approx([3e-9, 4e-9, 4e-9], rel=1e-6, abs=0.0)
 
 
-@pytest.mark.parametrize(("length", "known"), [(0.9875, False), (0.9925, True)])
-def test_a_mass_that_a_log_shows(length: float, known: bool) -> None:
-    """The length of its direction in the space that the columns of mass and of two moments, a little apart, leave."""
+def load_of(length: float) -> Any:
+    """Return a clear load; in the space of the columns, two of moments and that of mass, the mass has this length."""
     rng = np.random.default_rng(0)
     ones, waves = np.linalg.qr(rng.standard_normal((400, 2)))[0].T
     s = np.sqrt((1.0 - length**2) / (2.0 * length**2))
@@ -136,9 +144,20 @@ def test_a_mass_that_a_log_shows(length: float, known: bool) -> None:
     columns[:, 9] = waves
     residual = 3.0 * waves + 1e-3 * rng.standard_normal(400)
     system: Any = stub(blocks=[Block(rows=slice(0, 400), joint=0)])
-    found = _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20)
-    assert found is not None
-    assert (found.mass_or_none is not None) is known
+    return _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20)
+
+
+@pytest.mark.parametrize(("length", "known"), [(0.9875, False), (0.9925, True)])
+def test_a_mass_that_a_log_shows(length: float, known: bool) -> None:
+    assert (load_of(length).mass_or_none is not None) is known
+
+
+@pytest.mark.parametrize(("probability", "found"), [(0.8e-4, True), (1.2e-4, False)])
+def test_a_load_is_a_false_alarm_in_one_of_ten_thousand(
+    probability: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scipy.special.fdtrc", lambda rank, freedom, statistic: probability)
+    assert (load_of(0.995) is not None) is found
 
 
 def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,6 +224,13 @@ def test_a_term_must_not_predict_a_recording_worse(
     assert found is kept
 
 
+@pytest.mark.parametrize(("share", "steps"), [(0.095, 0), (0.105, 1)])
+def test_a_spring_takes_a_tenth_of_the_error(share: float, steps: int) -> None:
+    rules = stub(_supported=lambda change, before: True, _is_spring=lambda place: True)
+    one = np.ones(5)
+    assert len(Screen._steps(rules, one, one, share * one[:, None], [3], None)) == steps
+
+
 def test_chosen_terms_are_refined_three_times() -> None:
     """Here two velocities are the better one in turn."""
     best = iter([1, 0] * 10)
@@ -220,6 +246,15 @@ def test_chosen_terms_are_refined_three_times() -> None:
     assert len(calls) == 3
 
 
+def test_a_prior_weighs_a_hundredth_of_a_nat_beside_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("didim.regression.consistent.solver._inflation", lambda system: 2.0)
+    robot = planar()
+    job = didim.IDIMLS().job(log(robot, parameters(robot)))
+    solver = Consistent().for_robot(robot, job.selection).on(job.system(job.parts("fit")))
+    assert solver.problem is not None
+    assert solver.problem.gamma == pytest.approx(2.0 * 0.01)
+
+
 def test_a_generic_solid_has_a_hundred_grams_at_least() -> None:
     robot = planar()
     job = didim.IDIMLS().job(log(robot, parameters(robot)))
@@ -228,18 +263,30 @@ def test_a_generic_solid_has_a_hundred_grams_at_least() -> None:
     assert prior.bodies[0][3, 3] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("step", "shift"), [(0.0048, 0.0048), (0.0052, 10 * 0.0052)])
-def test_a_delay_is_linearised_ten_times(step: float, shift: float) -> None:
-    """Where each step is of the same size, unless it is less than five thousandths of a sample."""
-    column = np.cos(np.arange(60.0))
+def refined(column: Array, torques: Array) -> tuple[Array, Array]:
+    """Return the delay of one joint and its covariance; its column is given, and its torques, whatever their shift."""
     blocks = (Block(rows=slice(0, 60), joint=0),)
     system = LinearSystem(w=np.ones((60, 1)), y=np.ones(60), names=("a",), blocks=blocks)
     search = stub(
         system=system, w=system.w, weights=np.ones(60), solution=np.ones(1), margin=5,
-        _derivative=lambda solution, torque: column[:, None], _torques=lambda shift: 1.0 + step * column,
+        _derivative=lambda solution, torque: column[:, None], _torques=lambda shift: torques,
     )  # fmt: skip
-    found, _ = _Search.refine(search, 0.0, cast(Any, None))
-    assert found[0] == pytest.approx(shift)
+    return _Search.refine(search, 0.0, cast(Any, None))
+
+
+@pytest.mark.parametrize(("step", "shift"), [(0.0048, 0.0048), (0.0052, 10 * 0.0052)])
+def test_a_delay_is_linearised_ten_times(step: float, shift: float) -> None:
+    """Where each step is of the same size, unless it is less than five thousandths of a sample."""
+    column = np.cos(np.arange(60.0))
+    assert refined(column, 1.0 + step * column)[0][0] == pytest.approx(shift)
+
+
+@pytest.mark.parametrize(("share", "known"), [(0.8e-9, False), (1.2e-9, True)])
+def test_a_torque_that_changes_shows_a_delay(share: float, known: bool) -> None:
+    """By more than a billionth of itself."""
+    column = np.cos(np.arange(60.0))
+    size = share * np.sqrt(60.0) / np.linalg.norm(column)
+    assert bool(np.isfinite(refined(size * column, np.ones(60))[1]).all()) is known
 
 
 @pytest.mark.parametrize(("coefficient", "words"), [(0.8e-6, "MX1 = 0"), (1.2e-6, "MX1 = 1.2e-06 ZZ1")])
@@ -290,6 +337,23 @@ def test_velocities_are_searched_twice_on_a_grid_of_41(monkeypatch: pytest.Monke
 
     assert len(searched(monkeypatch, columns)(True)) == 2
     assert grids == [41, 41]
+
+
+@pytest.mark.parametrize(("gain", "identified"), [(3.9, False), (4.1, True)])
+def test_a_velocity_needs_a_law_of_two_standard_deviations(
+    gain: float, identified: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gain of four, the square of two."""
+    found: list[bool] = []
+    monkeypatch.setattr(velocity, "_gains", lambda *given: gain * np.eye(41)[20])
+
+    def inner(robot: object, start: Array, inner: Array, *more: object) -> tuple[Array, Array]:
+        found.append(bool(inner[0]))
+        return start, np.ones(1)
+
+    monkeypatch.setattr(velocity, "_refined", inner)
+    searched(monkeypatch, lambda robot, term, velocities, *more: np.zeros((9, velocities.size)))(True)
+    assert found == [identified]
 
 
 def test_velocities_are_refined_in_twelve_steps_with_two_sets_of_weights(

@@ -22,6 +22,8 @@ from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
 from didim.methods.didim.windows import simulated_all
+from didim.methods.rounding import _rounded
+from didim.signal.processing import SignalProcessing
 from plain import stub
 
 Array = NDArray[np.float64]
@@ -143,3 +145,19 @@ def test_a_pivot_that_proves_an_information_regular(
     value, _ = criterion.log_determinant(np.array([[1.0, beside], [beside, 1.0]]))
     assert value == pytest.approx(2.0 * np.log(pivot), rel=1e-5)
     assert not eigenvalues if regular else eigenvalues
+
+
+def test_encoder_steps_are_put_on_a_motion_of_an_eighth_of_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
+    cutoffs: list[float | None] = []
+
+    def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> None:
+        cutoffs.append(signal.cutoff_hz)
+        raise InterruptedError
+
+    monkeypatch.setattr("didim.methods.rounding.differentiate", differentiate)
+    recording = stub(rate_hz=100.0, windows=[(0, 9)], measured_positions=lambda: np.zeros((9, 1)))
+    for cutoff in (24.0, None):  # half of the rate without one
+        job = stub(experiment=stub(recordings=[recording]), signal=SignalProcessing(cutoff_hz=cutoff))
+        with pytest.raises(InterruptedError):
+            _rounded(job, stub(recording=0, window=0), np.zeros(1), cast(Any, None), np.ones(1))
+    assert cutoffs == [3.0, 6.25]
