@@ -215,16 +215,20 @@ def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
 
 @dataclass(frozen=True)
 class MadeUpRecipe:
-    """Placeholder for gains that a method computes from its estimate."""
+    """Gains that a method computes from its estimate; none until then."""
+
+    controller: Controller | None = None
 
     def __call__(self, reference: Reference) -> Controller:
-        """Raise an error, because there are no gains yet.
+        """Return the controller, if it has been computed.
 
         Raises
         ------
         ExperimentError
-            Always.
+            Before then.
         """
+        if self.controller is not None:
+            return self.controller
         raise ExperimentError(
             "[controller] kind = 'made-up' has no gains yet: consistent DIDIM "
             "(didim identify --method didim) makes them from its estimate"

@@ -23,6 +23,10 @@ from ..._tools.words import listing
 from ...errors import DidimError, FitError, RankError
 from ...evidence.naming import torque_findings
 from ...evidence.torques import contradiction_findings, following_findings
+from ...experiment.experiment import Experiment
+from ...experiment.loop_tables import MadeUpRecipe
+from ...experiment.specs import ControllerSpec
+from ...loop.tuning import made_up
 from ...regression.classical.instrumental import solve_with_instruments
 from ...regression.consistent.diagnosis import diagnosis
 from ...regression.consistent.nearest import root_of
@@ -38,7 +42,6 @@ from ...result.iteration import Reporter
 from ...signal.segments import Segment
 from ..job import Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
-from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import damping_of, simulable
 from .simulator import LogSimulator, RateSimulator
@@ -329,3 +332,18 @@ class ConsistentProblem(Problem):
             "start": "consistent" if start in STARTS else start,
             "simulable_step_s": self.step_s,
         }
+
+
+def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
+    """Return the experiment with gains by rule (D) from a robot, if its controller is invented (``test_consistent_methods.py``)."""
+    spec = experiment.controller
+    if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
+        return experiment
+    controller = made_up(
+        experiment.simulated_robot,
+        x,
+        q,
+        frequency_hz=float(spec.settings.get("natural_frequency_hz", 10.0)),
+        error=float(spec.settings.get("tracking_error", 1e-3)),
+    )
+    return replace(experiment, controller=ControllerSpec(MadeUpRecipe(controller), spec.settings))
