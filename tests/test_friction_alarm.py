@@ -85,11 +85,25 @@ def test_what_the_log_would_show_is_said_in_torque() -> None:
     assert not alarm(fitted(stribeck(share / 30.0, 0.2), 501)).raised
 
 
-def test_a_law_of_the_model_is_not_tested_again() -> None:
-    terms = tuple(didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.15) for joint in (0, 1))
+@pytest.mark.parametrize("law", ["stribeck", "atan"])
+def test_curves_of_speed_are_tested_beside_a_law_of_speed(law: str) -> None:
+    """Of the model's own law nothing is left to see, of a second bend at another velocity there is."""
+    velocity, right = {"stribeck": (0.15, stribeck(0.2)), "atan": (0.3, atan(0.4))}[law]
+    terms = tuple(didim.FrictionTerm(law=law, joint=joint, velocity=velocity) for joint in (0, 1))  # type: ignore[arg-type]
     arm = robot().with_terms(terms)
-    found = alarm(didim.identify(logged(arm, stribeck(0.2), 500), didim.IDIMLS()))
-    assert set(found.tested) == {"load", "dahl"}
+    bent = stribeck(0.3, 0.6)
+    for seed in range(3):
+        known = alarm(didim.identify(logged(arm, right, 500 + seed), didim.IDIMLS()))
+        assert not known.raised
+        assert set(known.tested) == {"stribeck", "atan", "load", "dahl"}
+        log = logged(arm, lambda *motion: right(*motion) + bent(*motion), 500 + seed)
+        assert alarm(didim.identify(log, didim.IDIMLS())).raised
+
+
+def test_load_friction_of_the_model_is_not_tested_again() -> None:
+    arm = robot().with_terms([didim.FrictionTerm(law="load", joint=joint) for joint in (0, 1)])
+    found = alarm(didim.identify(logged(arm, load(0.08), 500), didim.IDIMLS()))
+    assert set(found.tested) == {"stribeck", "atan", "dahl"}
     assert not found.raised
 
 
@@ -111,7 +125,7 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
         FrictionTerm(law="atan", joint=0, velocity=0.2, rival=0.3),
         FrictionTerm(law="load", joint=1, doubtful=True),
     ]
-    law = stribeck(0.2)
+    law = atan(0.1, 0.2)  # small: refits with other laws weigh the joints nearly alike
     log = logged(arm, lambda *motion: np.asarray(law(*motion) * [1.0, 0.0]), 501)
     log = replace(log, robot=arm.with_terms(terms))
     fit = didim.identify(log, didim.IDIMLS())

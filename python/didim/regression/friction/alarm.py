@@ -158,7 +158,7 @@ def friction_alarm(
     fit : Fit
         Its solution, with residual and weights.
     robot : Robot
-        Robot of the system; laws that a joint has already are not tested there.
+        Robot of the system; load friction that a joint has already is not tested there.
     parts : sequence of Segment
         Motion along which the columns are.
     signal : SignalProcessing

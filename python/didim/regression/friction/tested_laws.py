@@ -76,8 +76,7 @@ def laws_to_test(
     n = robot.n_dof
     unit = joint_scales(robot)
     known = {(term.law, term.joint) for term in robot.friction.terms}
-    velocity_laws = ("atan", "stribeck", "root", "table")
-    smooth = np.array([not any((law, joint) in known for law in velocity_laws) for joint in range(n)])
+    every = np.ones(n, dtype=bool)  # a curve of speed may bend at more than one velocity
     loaded = np.array([("load", joint) not in known for joint in range(n)])
     signs = [direction(robot, part.q, part.dq) for part in parts]
     found: list[LawColumns] = []
@@ -93,13 +92,13 @@ def laws_to_test(
             sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("stribeck", values, smooth)
+        add("stribeck", values, every)
     for velocity in ATAN:
         values = [
             np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("atan", values, smooth)
+        add("atan", values, every)
     add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
     resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
     for width in WIDTHS if resolved.any() else ():
