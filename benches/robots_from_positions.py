@@ -117,10 +117,10 @@ def log(model: Any, path: Path) -> None:
     n, t = model.nv, np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     wave = 0.2 * np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.2, 1.0, n)) + rng.uniform(0.0, 6.0, n))
     jumps = np.repeat(rng.uniform(-0.2, 0.2, (round(2 * SECONDS), n)), round(RATE_HZ / 2), axis=0)
-    middle = np.where(
-        model.jnt_limited, np.clip(0.0, model.jnt_range[:, 0] + 0.3, model.jnt_range[:, 1] - 0.3), 0.0
-    )
-    r = np.where((t % 3.0 > 1.5)[:, None], jumps, wave) + middle
+    low, high = model.jnt_range.T  # a joint that overshoots the end of its range counts as held there
+    share = np.where(model.jnt_limited, np.minimum(1.0, (high - low) / 0.8), 1.0)
+    middle = np.where(model.jnt_limited, np.clip(0.0, low + 0.3 * share, high - 0.3 * share), 0.0)
+    r = share * np.where((t % 3.0 > 1.5)[:, None], jumps, wave) + middle
     data, q = mujoco.MjData(model), np.empty_like(r)
     steps, late = round(1.0 / (RATE_HZ * STEP_S)), round(DELAY_S / STEP_S)
     data.qpos[:] = r[0]
