@@ -141,18 +141,20 @@ impl Geometry {
     /// Geometry of a robot.
     pub fn of(robot: &Robot) -> Self {
         let n = robot.n_joints();
-        let mut steps = [Numbers::STILL; MAX_DOF];
+        let steps = const { [Numbers::STILL; MAX_DOF] }; // copied at once, not joint by joint
+        let mut geometry = Self { n, chain: true, steps, gravity: robot.gravity(), shape: PhantomData };
         let (mut forms, mut parents) = ([StepForm::STILL; MAX_DOF], [0; MAX_DOF]);
         for j in 0..n {
-            steps[j] = Numbers::of(robot, j);
-            (forms[j], parents[j]) = (steps[j].form, steps[j].parent);
+            let step = Numbers::of(robot, j);
+            (forms[j], parents[j]) = (step.form, step.parent);
+            geometry.steps[j] = step;
         }
         let forms = complete(forms, &parents, n);
         for j in 0..n {
-            steps[j].form = forms[j];
+            geometry.steps[j].form = forms[j];
+            geometry.chain &= !forms[j].branches;
         }
-        let chain = !steps[..n].iter().any(|step| step.form.branches);
-        Self { n, chain, steps, gravity: robot.gravity(), shape: PhantomData }
+        geometry
     }
 
     /// The same for kernels that know its shape, if it has that shape.
