@@ -156,7 +156,7 @@ def test_gains_and_errors_of_a_hundred_are_shown(factor: float, shown: bool) -> 
     ("factor", "sigma", "told"), [(1.028, 0.0, 0), (1.032, 0.0, 1), (1.48, 0.1, 0), (1.52, 0.1, 1)]
 )
 def test_a_gain_that_differs(factor: float, sigma: float, told: int) -> None:
-    """By three per cent, and by five standard deviations."""
+    """The limits are three per cent and five standard deviations."""
     rows = stub(
         columns=lambda: np.ones((1, 5, 1)),
         reduced=lambda signals: np.zeros((5, 1)),
@@ -200,7 +200,7 @@ def test_products_have_ten_blocks() -> None:
     ("factor", "corrected"), [(3.4, True), (3.6, False), (1.0 / 3.4, True), (1.0 / 3.6, False)]
 )
 def test_columns_of_a_similar_motion_have_the_same_error(factor: float, corrected: bool) -> None:
-    """That of the decimated motion, here of one: a friction column keeps its size by itself."""
+    """The error is that of the decimated motion, here 1; friction columns keep their sizes without it."""
     robot = didim.load_robot("planar2")
     q, dq, ddq = (values[:50].T for values in motion())
     smooth = Screen(robot, (q, dq, ddq), np.zeros((2, 50, len(robot.parameter_names)))).smooth

@@ -230,7 +230,7 @@ def test_scores_are_flipped_4000_times_and_memory_has_a_quarter_of_the_false_ala
     ],
 )
 def test_memory_is_tested_with_twenty_steps_of_the_encoder(robot: str, step: float, tested: bool) -> None:
-    """In the smallest width, 3 mrad; a slide has a tenth of it."""
+    """The steps count within the smallest width, 3 mrad; a slide has a tenth of it."""
     arm = didim.load_robot(robot)
     n = arm.n_dof
     motion = np.sin(np.arange(100.0)[:, None] * 0.1) * np.ones(n)

@@ -125,7 +125,7 @@ def test_a_search_has_forty_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_steps_are_held_for_three_time_constants() -> None:
-    """Of a loop of 1 rad/s: three seconds at least, and nine at most."""
+    """A loop of 1 rad/s has steps of three seconds at least, and nine at most."""
     bandwidth = np.array([1.0 / (2.0 * np.pi)])
     q = _motion("steps", 0, np.zeros(1), np.ones(1), bandwidth, 100.0, 200_000)[:, 0]
     held = 0.01 * np.diff(np.flatnonzero(np.diff(q)))[1:]

@@ -86,7 +86,7 @@ def test_bodies_that_rest(nats: float, moved: bool) -> None:
 
 
 def test_the_prior_of_a_body_weighs_a_hundredth_of_a_nat() -> None:
-    """Of deviation s: ``(m - m0) / s^2 + 0.01 (1 / 1 - 1 / m)`` is zero, for s = 10 at the golden ratio."""
+    """The minimum is where ``(m - m0) / s^2 + 0.01 (1 / 1 - 1 / m)`` is zero: the golden ratio for s = 10."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     assert masses([0.0, 2.0], 10.0) == pytest.approx([golden - 1.0, golden])
 
@@ -161,7 +161,7 @@ def test_a_load_is_a_false_alarm_in_one_of_ten_thousand(
 
 
 def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In each of a hundred steps whose cost never falls."""
+    """The cost falls in none of a hundred steps."""
     tried: list[float] = []
     costs = iter(range(10_000))
 
@@ -209,7 +209,7 @@ def test_a_prior_weighs_six_times_as_much_beside_correlated_errors() -> None:
 
 @pytest.mark.parametrize(("deviations", "told"), [(2.7, False), (2.86, True)])
 def test_a_gain_of_a_law_that_is_clear_of_noise(deviations: float, told: bool) -> None:
-    """Of five blocks, not all of one sign."""
+    """The gains of the five blocks do not all have one sign."""
     pattern = np.array([-4.0, 1.0, 1.0, 1.0, 1.0])
     change = pattern / pattern.std(ddof=1) + deviations / np.sqrt(5.0)
     assert clear(change[:, None]).tolist() == [told]
@@ -276,7 +276,7 @@ def refined(column: Array, torques: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize(("step", "shift"), [(0.0048, 0.0048), (0.0052, 10 * 0.0052)])
 def test_a_delay_is_linearised_ten_times(step: float, shift: float) -> None:
-    """Where each step is of the same size, unless it is less than five thousandths of a sample."""
+    """All steps have the same size; one below five thousandths of a sample is the last."""
     column = np.cos(np.arange(60.0))
     assert refined(column, 1.0 + step * column)[0][0] == pytest.approx(shift)
 
@@ -296,7 +296,7 @@ def test_coefficients_of_a_dependence_that_are_shown(coefficient: float, words: 
 
 @pytest.mark.parametrize(("share", "told"), [(0.048, False), (0.052, True)])
 def test_an_offset_that_differs_between_recordings(share: float, told: bool) -> None:
-    """By a twentieth of the residual, where errors of turning signs make it certain."""
+    """The limit is a twentieth of the residual; errors of alternating signs make the difference certain."""
     rng = np.random.default_rng(0)
     blocks = tuple(Block(rows=slice(400 * k, 400 * k + 400), joint=0, recording=k) for k in range(2))
     w = np.tile([1.0, 1.0, -1.0, -1.0], 200)[:, None]

@@ -21,11 +21,9 @@ from ...errors import FitError
 from ...robot.robot import Robot
 from ..selection import Selection
 from .bounds import Bounds
-from .prior import Prior, prior_of
+from .prior import GAMMA, Prior, prior_of
 from .problem import ConstrainedProblem
 
-GAMMA = 1e-2
-"""Weight (nats) of the prior beside an honest covariance."""
 NEAREST_DRAWS = 200
 """Number of draws of the estimate."""
 OTHER_PRIORS = (0.5, 2.0)

@@ -22,6 +22,8 @@ from ...robot.robot import Geometry, Robot
 from ..linear_system import LinearSystem
 from ..selection import Selection
 
+GAMMA = 1e-2
+"""Default weight (nats) of a prior, beside the information of a log with uncorrelated errors."""
 RADIUS_SHARE = 0.08
 """Radius of gyration of a generic solid, as a share of the arm's length."""
 LEAST_LENGTH = 0.1

@@ -24,11 +24,9 @@ from ..selection import Selection
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 from .bounds import Bounds
-from .prior import Prior, prior_of
+from .prior import GAMMA, Prior, prior_of
 from .problem import ConstrainedProblem, Simulability
 
-GAMMA = 1e-2
-"""Weight (nats) of the prior beside the information of a log."""
 MOST_INFLATION = 6.0
 """Upper bound of the factor by which correlated residuals raise the prior's weight."""
 UNIDENTIFIED_SINGULAR_VALUE = 1e-10

@@ -16,7 +16,7 @@ from ...errors import FitError
 from ...robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
 
 GAMMA = 1e-2
-"""Weight (nats) of the prior."""
+"""Weight (nats) of the prior of a payload."""
 RADIUS_M = 0.06
 """Radius of gyration (m) of the prior body: that of a load between a fist and a head in size."""
 LEAST_MASS_KG = 0.05
