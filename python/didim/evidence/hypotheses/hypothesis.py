@@ -92,8 +92,8 @@ def best_factor(
 ) -> tuple[float, bool]:
     """Return the factor of the least squared errors, (n,), and whether it is an end of the list; 1 where none is clearly better.
 
-    A parabola through the factors beside 1, or beside the middle one, shows whether any is: only then the others are tried. Each
-    valley between them is refined: with all errors small but one, the true factor's is narrow beside that of too small ones.
+    A parabola through the factors next to 1, or next to the middle one, must fall below `promising` times the errors at 1, or the
+    others are not tried. Each local minimum is refined, because that at the true factor may be narrow beside one at small factors.
     """
     from scipy.optimize import minimize_scalar
 
