@@ -15,8 +15,8 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..regression.consistent.bounds import Bounds
-from ..regression.consistent.nearest import GAMMA, NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
-from ..regression.consistent.prior import Prior
+from ..regression.consistent.nearest import NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
+from ..regression.consistent.prior import GAMMA, Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
 from ..robot.placement import Mount
