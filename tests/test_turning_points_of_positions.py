@@ -5,6 +5,7 @@ The numbers stand here as they are documented, so that one which is doubled or h
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any, cast
 
 import numpy as np
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 
 import didim.methods.positions.estimate as estimate
 import didim.methods.positions.intervals as of_blocks
+from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.intervals import errors_over_noise, intervals, per_step
 from didim.methods.positions.knowledge import _excess, widening
 from didim.methods.positions.motion import _motion
-from didim.methods.positions.stops import _pulled, pushed_stretches
+from didim.methods.positions.stops import Stop, _pulled, pushed_stretches, refuse_little
 from plain import stub
 
 Array = NDArray[np.float64]
@@ -36,6 +38,15 @@ def test_a_push_has_twice_the_noise_of_the_encoder(noise: float, pushed: bool) -
 def test_a_joint_follows_by_a_quarter_of_its_pull(share: float, held: bool) -> None:
     q = share * np.arange(11.0) / 10.0
     assert _pulled(q, np.ones(11), 10, 0.5).tolist() == [held] * 11
+
+
+@pytest.mark.parametrize(("used", "refused"), [(19, True), (21, False)])
+def test_a_fifth_of_a_log_must_be_free(used: int, refused: bool) -> None:
+    robot = stub(joint_label=lambda joint: "joint 1")
+    experiment = cast(Any, stub(name="arm", robot=robot, recordings=[stub(rate_hz=50.0)]))
+    stops, limb = [Stop(0, 0, used, 100, None)], cast(Any, stub(joints=(0,)))
+    with pytest.raises(FitError, match="is held by") if refused else nullcontext():
+        refuse_little(experiment, stops, limb, used, 100)
 
 
 def problem_of(monkeypatch: pytest.MonkeyPatch, **facts: object) -> Any:

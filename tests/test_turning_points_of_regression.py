@@ -21,6 +21,7 @@ import didim.regression.friction.velocity as velocity
 import didim.regression.gains.maximum_likelihood as maximum_likelihood
 from didim.regression.block import Block, stacked
 from didim.regression.classical.instrumental import instrumented
+from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior, generic_prior
 from didim.regression.consistent.solver import Consistent, _inflation
 from didim.regression.delay import _Search
@@ -147,6 +148,11 @@ def load_of(length: float) -> Any:
     return _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20)
 
 
+def test_a_robust_deviation_is_a_billionth_of_the_torque_at_least() -> None:
+    found = reweighted(np.ones((6, 1)), np.full(6, 2.0), [slice(0, 6)], np.array([2.0]))
+    assert found.scale == pytest.approx([2e-9], rel=1e-3, abs=0.0)
+
+
 @pytest.mark.parametrize(("length", "known"), [(0.9875, False), (0.9925, True)])
 def test_a_mass_that_a_log_shows(length: float, known: bool) -> None:
     assert (load_of(length).mass_or_none is not None) is known
@@ -161,13 +167,13 @@ def test_a_load_is_a_false_alarm_in_one_of_ten_thousand(
 
 
 def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cost falls in none of a hundred steps."""
+    """The cost falls in none of a hundred steps, which change the logarithm of a gain by a half at most."""
     tried: list[float] = []
     costs = iter(range(10_000))
 
     def errors(currents: object, gains: Array, theta: Array) -> Array:
         tried.append(float(np.log(gains[0])))
-        return np.array([0.0, 0.25])
+        return np.array([0.0, 2.0])
 
     currents = stub(
         n_motors=1, parameters=lambda gains: np.zeros(1), spread=lambda errors: np.ones(1), motor=[0, 0]
@@ -178,7 +184,7 @@ def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(maximum_likelihood, "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
     monkeypatch.setattr(maximum_likelihood, "_result", lambda *facts: None)
     maximum_likelihood.drive_gains(cast(Any, None), np.eye(1), cast(Any, None), np.ones(1))
-    assert tried[1:13] == pytest.approx([0.25 * 0.5**k for k in range(12)])
+    assert tried[1:13] == pytest.approx([0.5 * 0.5**k for k in range(12)])
     assert len(tried) == 1 + 100 * 12
 
 
@@ -371,6 +377,23 @@ def test_velocities_are_refined_in_twelve_steps_with_two_sets_of_weights(
     assert len(searched(monkeypatch, columns)(False)) == 2
     assert len(slopes) == 2 * 12
     assert slopes[1] == pytest.approx(1.1 * slopes[0])
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(3.9, True), (4.1, False)])
+def test_a_velocity_is_refined_by_a_factor_of_four(
+    factor: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refined(robot: object, start: Array, *more: object) -> tuple[Array, Array]:
+        return factor * start, np.ones(1)
+
+    monkeypatch.setattr(velocity, "_refined", refined)
+    robot = planar(FrictionTerm(law="atan", joint=0, velocity=0.3, estimated=True))
+    blocks = (Block(rows=slice(0, 9), joint=0),)
+    system = LinearSystem(w=np.ones((9, 1)), y=np.ones(9), names=("Fa1",), blocks=blocks)
+    found, _ = velocity._estimate_velocities(
+        robot, [], cast(Any, None), system, lambda system: (np.zeros(1), np.ones(9)), False
+    )
+    assert found.friction.terms[0].velocity == pytest.approx(0.3 * factor if kept else 0.3)
 
 
 @pytest.mark.parametrize(("change", "passes"), [(0.8e-6, 2), (1.2e-6, 3)])
