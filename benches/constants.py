@@ -57,7 +57,7 @@ def _cut(line: str, start: int, stop: int | None) -> str:
 
 
 def constants(project: Path) -> Iterator[Planted]:
-    """Yield every numeric constant of the folders, doubled and halved: whole numbers stay whole."""
+    """Yield every numeric constant of the folders but seeds, doubled and halved: whole numbers stay whole."""
     package = project / "python" / "didim"
     for folder in FOLDERS:
         for path in sorted((package / folder).rglob("*.py")):
@@ -75,7 +75,8 @@ def _of(statement: ast.stmt, text: str, file: str) -> Iterator[Planted]:
         case _:
             return
     number = value.operand if isinstance(value, ast.UnaryOp) else value
-    if not name.strip("_").isupper() or not isinstance(number, ast.Constant):
+    # Another seed is as good.
+    if not name.strip("_").isupper() or name.endswith("SEED") or not isinstance(number, ast.Constant):
         return
     if isinstance(number.value, bool) or not isinstance(number.value, int | float) or number.value == 0:
         return
