@@ -153,6 +153,7 @@ def with_explained_stretches(
         return problem, now
     whole = _built(experiment, method, soft=bool(problem.inertia))
     seen = _pushed(whole, whole.errors(now.theta), 0.0)
+    problem.n_simulations += whole.n_simulations
     unexplained = [item for item in pushed if any(item.meets(other) for other in seen)]
     if len(unexplained) == len(pushed):
         return problem, now
