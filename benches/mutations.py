@@ -303,7 +303,7 @@ def run(folder: Path, tests: Sequence[str], rust: bool, seconds: float | None = 
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-        pattern = r"^FAILED (\S+?::\S+)|^ERROR (.*)"
+        pattern = r"^FAILED (.+?::.+?)(?: - .*)?$|^ERROR (.*)"
     if seconds is not None:
         # Of the processor: other programs may share it.
         command = ["bash", "-c", f'ulimit -t {max(1, round(seconds))} && exec "$@"', "-", *command]

@@ -16,7 +16,7 @@ import didim.methods.positions.estimate as estimate
 import didim.methods.positions.intervals as of_blocks
 from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
-from didim.methods.positions.intervals import errors_over_noise, intervals, per_step
+from didim.methods.positions.intervals import errors_over_noise, intervals, model_errors, per_step
 from didim.methods.positions.knowledge import _excess, widening
 from didim.methods.positions.motion import _motion
 from didim.methods.positions.stops import Stop, _pulled, pushed_stretches, refuse_little
@@ -142,3 +142,16 @@ def test_steps_are_held_for_three_time_constants() -> None:
     held = 0.01 * np.diff(np.flatnonzero(np.diff(q)))[1:]
     assert held.min() == pytest.approx(3.0, abs=0.1)
     assert held.max() == pytest.approx(9.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("over", "named"), [(1.9, []), (2.1, [1])])
+def test_errors_of_the_model_are_twice_the_noise(over: float, named: list[int]) -> None:
+    found = model_errors(cast(Any, None), np.array([over, 1.0]), np.zeros(2))
+    assert [joint for item in found for joint in item.joints] == named
+
+
+@pytest.mark.parametrize(("widened", "held"), [(990.0, False), (1010.0, True)])
+def test_an_unknown_whose_interval_is_a_thousand_times_as_wide_is_held(widened: float, held: bool) -> None:
+    column = stub(of_drive=False)
+    excess = _excess(cast(Any, None), column, widened, square=1.0, rows=1, error=0.0, strict=False)
+    assert (excess > 1.0) is held
