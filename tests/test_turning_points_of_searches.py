@@ -5,12 +5,14 @@ The numbers stand here as they are documented, so that one which is doubled or h
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import didim
 import didim.excitation.criterion as criterion
 import didim.excitation.problem as design
 from didim.excitation.problem import Problem
@@ -22,6 +24,7 @@ from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
 from didim.methods.didim.windows import simulated_all
+from didim.methods.job import Job
 from didim.methods.rounding import _rounded
 from didim.signal.processing import SignalProcessing
 from plain import stub
@@ -161,3 +164,24 @@ def test_encoder_steps_are_put_on_a_motion_of_an_eighth_of_the_band(monkeypatch:
         with pytest.raises(InterruptedError):
             _rounded(job, stub(recording=0, window=0), np.zeros(1), cast(Any, None), np.ones(1))
     assert cutoffs == [3.0, 6.25]
+
+
+@pytest.mark.parametrize(("cutoff_hz", "tried"), [(198.0, [198.0, 396.0]), (202.0, [202.0])])
+def test_delays_are_estimated_with_cut_offs_up_to_four_tenths_of_the_rate(
+    monkeypatch: pytest.MonkeyPatch, cutoff_hz: float, tried: list[float]
+) -> None:
+    found: list[float | None] = []
+
+    def estimated(job: Job) -> tuple[None, float]:
+        found.append(job.signal.cutoff_hz)
+        return None, 1.0
+
+    monkeypatch.setattr(Job, "_estimated_delay", estimated)
+    experiment = didim.packaged_experiment("tx40")
+    recording = didim.Recording.from_arrays(np.zeros((9, 6)), rate_hz=1000.0)
+    job = replace(
+        didim.IDIMLS().job(replace(experiment, recordings=(recording,))),
+        signal=SignalProcessing(cutoff_hz=cutoff_hz),
+    )
+    job.estimate_delay()
+    assert found == tried
