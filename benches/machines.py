@@ -75,12 +75,12 @@ class Outcome:
 
 
 def oldest(project: Path) -> tuple[str, ...]:
-    """Return the oldest releases that pyproject.toml allows, with a pandas of their time: later ones need NumPy 2."""
+    """Return the oldest releases that pyproject.toml allows, with pandas and pyarrow of their time: later ones need NumPy 2."""
     content = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
     asked = [*content["project"]["dependencies"], *content["dependency-groups"]["test"]]
     matches = [re.fullmatch(r"([\w-]+)>=([\d.]+)", text) for text in asked]
     bounds = {match[1]: match[2] for match in matches if match is not None}
-    return tuple(f"{name}=={bounds[name]}.*" for name in ("numpy", "scipy", "pandas"))
+    return tuple(f"{name}=={bounds[name]}.*" for name in ("numpy", "scipy", "pandas", "pyarrow"))
 
 
 def combinations(project: Path) -> tuple[Combination, ...]:
