@@ -38,26 +38,29 @@ def state(q: Array, width: ArrayLike, first: ArrayLike = 0.0) -> Array:
     ----------
     q : ndarray, shape (n_samples, n_dof)
         Joint positions (rad or m).
-    width : float or ndarray, shape (n_dof,)
-        Displacement h over which the memory fades by a factor of e (rad or m), above zero.
+    width : float or ndarray, shape (..., n_dof)
+        Displacements h over which the memory fades by a factor of e (rad or m), above zero.
     first : float or ndarray, shape (n_dof,)
         State at the first sample.
 
     Returns
     -------
-    ndarray, shape (n_samples, n_dof)
-        State between -1 and 1.
+    ndarray, shape (..., n_samples, n_dof)
+        State between -1 and 1, by the leading axes of `width`.
 
     Notes
     -----
     ``test_friction_memory.py`` compares with steps from sample to sample, and halves the steps.
     """
-    widths, starts = (
-        np.broadcast_to(np.asarray(value, dtype=np.float64), q.shape[1]) for value in (width, first)
-    )
-    return np.column_stack(
-        [states(q[:, joint], widths[[joint]], starts[joint])[:, 0] for joint in range(q.shape[1])]
-    )
+    n = q.shape[1]
+    several = np.asarray(width, dtype=np.float64)
+    lead = several.shape[:-1]
+    several = np.broadcast_to(several, (*lead, n)).reshape(-1, n)
+    starts = np.broadcast_to(np.asarray(first, dtype=np.float64), n)
+    found = np.empty((len(several), *q.shape))
+    for joint in range(n):
+        found[:, :, joint] = states(q[:, joint], several[:, joint], starts[joint]).T
+    return found.reshape(*lead, *q.shape)
 
 
 def states(q: Array, widths: Array, first: float = 0.0) -> Array:
@@ -76,24 +79,25 @@ def states(q: Array, widths: Array, first: float = 0.0) -> Array:
     -------
     ndarray, shape (n_samples, n_widths)
     """
-    out = np.full((q.size, widths.size), first)
+    out = np.full((widths.size, q.size), first)
     moves = np.sign(np.diff(q))
     moving = np.flatnonzero(moves)
     if not moving.size:
-        return out
+        return out.T
     # Rest does not change the state: a stretch ends at the next motion in the other direction.
     turns = moving[1:][moves[moving[1:]] != moves[moving[:-1]]]
     edges = np.array([0, *turns, q.size - 1])
-    signs, lengths = moves[[moving[0], *turns]][:, None], np.diff(edges)
+    signs, lengths = moves[[moving[0], *turns]], np.diff(edges)
     way = np.abs(q[1:] - np.repeat(q[edges[:-1]], lengths))
-    decay = np.exp(-way[:, None] / widths)
+    kept = np.exp(-way[edges[1:-1] - 1, None] / widths)
     z = np.empty((len(signs), widths.size))
     z[0] = first
-    for k, stop in enumerate(edges[1:-1]):
-        z[k + 1] = signs[k] - (signs[k] - z[k]) * decay[stop - 1]
-    sign = np.repeat(signs, lengths, axis=0)
-    out[1:] = sign - (sign - np.repeat(z, lengths, axis=0)) * decay
-    return out
+    for k, share in enumerate(kept):
+        z[k + 1] = signs[k] - (signs[k] - z[k]) * share
+    sign, missing = np.repeat(signs, lengths), signs[:, None] - z
+    for k, width in enumerate(widths):
+        np.subtract(sign, np.repeat(missing[:, k], lengths) * np.exp(way / -width), out=out[k, 1:])
+    return out.T
 
 
 def start_column(q: Array, width: ArrayLike) -> Array:
@@ -110,9 +114,10 @@ def start_column(q: Array, width: ArrayLike) -> Array:
     -------
     ndarray, shape (n_samples, n_dof)
     """
-    path = np.zeros_like(q)
-    np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=path[1:])
-    return np.asarray(np.exp(-np.minimum(path / np.asarray(width, dtype=np.float64), FADED)))
+    path = np.zeros(q.T.shape)
+    np.cumsum(np.abs(np.diff(q.T)), axis=1, out=path[:, 1:])
+    widths = np.broadcast_to(np.asarray(width, dtype=np.float64), q.shape[1])
+    return np.ascontiguousarray(np.exp(-np.minimum(path / widths[:, None], FADED)).T)
 
 
 def direction(robot: Robot, q: Array, dq: Array) -> Array:

@@ -141,10 +141,11 @@ def encoder_noise(q: Array) -> Array:
 
 
 def _grid(values: Array) -> float:
-    levels = np.unique(values)
+    # A motion has long runs of rising and falling values, which a stable sort merges.
+    levels = np.sort(values, kind="stable")
     scale = max(float(np.ptp(levels)), np.abs(levels).max(initial=0.0))
     gaps = np.diff(levels)
-    # Values that differ by rounding are one level.
+    # Values that are equal, or differ by rounding, are one level.
     gaps = gaps[gaps > CHANGE_ROUNDING * scale]
     if gaps.size < FEWEST_GAPS:
         return 0.0
