@@ -293,7 +293,7 @@ def logs(options: argparse.Namespace) -> None:
         left_out = replace(without, y=without.y + noise.ravel())
         found = drifts(differences(left_out, solve(left_out, WHITE), "offset"), names)
         reported += bool(found)
-        sentence = sentence or "".join(item.sentence for item in found)
+        sentence = sentence or "".join(f"largest: {item.worst}" for item in found)
         steady = replace(without, y=without.w @ truth[: without.w.shape[1]] + noise.ravel())
         false_alarms += bool(drifts(differences(steady, solve(steady, WHITE), "offset"), names))
     score = np.array(scores)

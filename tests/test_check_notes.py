@@ -59,6 +59,20 @@ def test_friction_that_differs_between_recordings_is_a_finding(arm: Experiment) 
     assert item.value == pytest.approx(-0.2 * fc, rel=0.3)
 
 
+def test_check_says_by_how_much_the_friction_of_a_log_differs(arm: Experiment) -> None:
+    known = dict(zip(arm.robot.parameter_names, arm.robot.parameter_set("reference"), strict=True))
+    (first,) = planar_log(arm).recordings
+    (other,) = planar_log(arm, **{name: 0.85 * known[name] for name in ("Fv1", "Fc1")}).recordings
+    found = check(replace(arm, recordings=(first, replace(other, name="warm"))))
+    (item,) = (item for item in found.items if item.kind == "drift" and item.facts["of"] == "friction")
+    assert item.joints == (1,)
+    (level,) = item.facts["levels"]
+    assert (level["recording"], level["joint"]) == ("warm", 1)
+    assert level["share"] == pytest.approx(-0.15, abs=min(0.02, 4.0 * level["std"]))
+    assert f"(warm: joint 1 {-100.0 * level['share']:.2g} % lower, " in item.sentence
+    assert "sigma): warmer, or loaded? Most by -" in item.sentence
+
+
 def test_the_law_is_judged_with_the_friction_of_the_simulation(arm: Experiment) -> None:
     """A digital controller and friction that the simulation smooths: no law of friction is missed beside it."""
     log = replace(planar_log(arm), robot=arm.robot)

@@ -167,6 +167,28 @@ def test_errors_are_as_large_as_sigma_says_and_velocities_have_a_sigma() -> None
     assert 0.5 < np.sqrt(np.mean(np.square(velocity))) < 1.7
 
 
+def test_recordings_share_one_velocity() -> None:
+    """Logs of different motions and slightly different laws have one velocity between those of each alone."""
+    term = FrictionTerm(law="atan", joint=0, velocity=0.1, estimated=True)
+    unknown = planar(term)
+    logs = []
+    for seed, (velocity, size) in enumerate(((0.28, 1.0), (0.36, 0.5))):
+        robot = planar(replace(term, velocity=velocity, estimated=False))
+        q, dq, ddq = (size * values for values in motion())
+        tau = didim.inverse_dynamics(robot, q, dq, ddq, parameters(robot, Fa1=2.0))
+        tau = tau + 0.05 * np.random.default_rng(seed).standard_normal(tau.shape)
+        recording = didim.Recording.from_arrays(q, tau, rate_hz=RATE, name=f"log {seed + 1}")
+        logs.append(replace(log(robot, parameters(robot)), robot=unknown, recordings=(recording,)))
+    both = replace(logs[0], recordings=tuple(item.recordings[0] for item in logs))
+    found = []
+    for experiment in (*logs, both):
+        (item,) = didim.identify(experiment).settings["friction"]["velocities"]
+        found.append((item["velocity"], item["std"]))
+    (first, first_std), (second, second_std), (shared, _) = found
+    assert first + 4.0 * (first_std + second_std) < second
+    assert first < shared < second
+
+
 def test_a_velocity_that_the_log_does_not_identify_is_replaced_by_the_square_root() -> None:
     robot = planar()
     x = parameters(robot)

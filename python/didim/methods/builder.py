@@ -20,7 +20,7 @@ from ..experiment.experiment import Experiment
 from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
-from ..regression.friction.alarm import FrictionAlarm, friction_alarm
+from ..regression.friction.alarm import friction_alarm
 from ..regression.friction.sampling import sampling_errors
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
@@ -38,7 +38,7 @@ from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
 from .method import Described
 from .rounding import rounding_shift
-from .uncertainty import spread_of_fit, with_shifts
+from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
 
 CLEAR_MASS = 3.0
 """Mass of a load, in its standard deviations, below which the finding is a note only: 0.05 +- 0.04 kg need not be declared."""
@@ -242,9 +242,7 @@ def fitted(
     job, converged = run.job, run.status.converged
     spread = spread_of_fit(system, fit, job.settings, job.selection)
     if parts and converged:
-        steps = _encoder_steps(run, parts)
-        alarm = _friction(run, system, fit, parts, steps)
-        spread = with_shifts(spread, alarm, rounding_shift(job, fit, parts, run.delay, steps), job.selection)
+        spread = _with_model_errors(run, system, fit, parts, spread)
     errors = TorqueErrors.of(system, fit.residual)
     lasting = whiteness_findings(
         whiteness(fit.residual, system.blocks, len(system.joints)),
@@ -280,11 +278,11 @@ def _encoder_steps(run: Run, parts: Sequence[Segment]) -> dict[int, Array]:
     return {k: encoder_step(recordings[k].measured_positions()) for k in {part.recording for part in parts}}
 
 
-def _friction(
-    run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], steps: Mapping[int, Array]
-) -> FrictionAlarm:
-    """Test the residual of a fit for friction that the model lacks."""
-    job = run.job
+def _with_model_errors(
+    run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], spread: Spread
+) -> Spread:
+    """Return a spread with the shifts by missing friction and encoder steps, and the friction of parameters that exchange."""
+    job, steps = run.job, _encoder_steps(run, parts)
     x = job.parameters.lift(job.selection.expand(fit.solution))
     standard = [job.parameters.standard(x, part.recording) for part in parts]
     load = [
@@ -293,7 +291,9 @@ def _friction(
     ]
     errors = sampling_errors(job.robot, parts, standard, load) if steps else []
     step = np.max(list(steps.values()), axis=0) if steps else None
-    return friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
+    alarm = friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
+    spread = with_shifts(spread, alarm, rounding_shift(job, fit, parts, run.delay, steps), job.selection)
+    return with_exchanges(spread, job.robot, parts, load, x, system.names)
 
 
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
@@ -313,16 +313,31 @@ def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
 
 def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
     """Return findings on recordings that differ in declared common parameters."""
+    names = [recording.name for recording in job.experiment.recordings]
     return [
         Finding(
             code="drift",
             grade="doubtful",
             joints=item.joints,
             recordings=item.recordings,
-            value=item.value,
-            facts={"text": item.sentence, "advice": item.advice},
+            value=item.worst.value,
+            deviation=item.worst.std,
+            facts={
+                "of": item.kind,
+                "parameter": item.worst.parameter,
+                "recording": names[item.worst.recording],
+                "levels": [
+                    {
+                        "recording": names[level.recording],
+                        "joint": level.joint + 1,
+                        "share": level.value,
+                        "std": level.std,
+                    }
+                    for level in item.levels
+                ],
+            },
         )
-        for item in drifts(moved, [recording.name for recording in job.experiment.recordings])
+        for item in drifts(moved, names)
     ]
 
 

@@ -6,7 +6,7 @@ Tested in ``tests/test_uncertainty.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from ..regression.block import Block
 from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm
+from ..regression.friction.exchange import exchanges
 from ..regression.jackknife import Branches, Factors, intervals, rescaled
 from ..regression.linear_system import LinearSystem
 from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
+from ..robot.robot import Robot
+from ..signal.segments import Segment
 
 FEW_ROWS = 3.0
 """Rows per parameter, without one block, below which the intervals are reported as rough."""
@@ -38,11 +41,17 @@ class Spread:
         Uncertainty of all base parameters; None if the solver has no covariance.
     remarks : tuple of str
         Sentences for the result.
+    wide : (n_estimated + n_velocities, n_estimated + n_velocities) array
+        Covariance of the parameters and of the estimated velocities of friction laws, without shifts; empty if not known.
+    velocities : tuple of str
+        Parameters of the laws with an estimated velocity.
     """
 
     covariance: Array
     uncertainty: Uncertainty | None
     remarks: tuple[str, ...] = ()
+    wide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    velocities: tuple[str, ...] = ()
 
 
 def spread_of_fit(
@@ -70,20 +79,22 @@ def spread_of_fit(
         return Spread(np.zeros_like(fit.covariance), None, (sentence,))
     factors: Factors | Branches | None = fit.factors
     noise = fit.covariance
+    velocities: tuple[str, ...] = ()
     if factors is None:
         wider = with_velocities(system, fit.solution)
         factors = Branches.of(wider, fit.weights, fit.residual)
-        if system.slopes:
-            n = len(system.names)
-            noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)[:n, :n]
+        velocities = wider.names[len(system.names) :]
+        if velocities:
+            noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)
     known: Kind = "white" if settings.uncertainty == "white" else "decimated"
     if known == "decimated" and all(block.correlation is None for block in system.blocks):
         known = "white"
-    return spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
+    spread = spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
+    return replace(spread, velocities=velocities)
 
 
 def with_velocities(system: LinearSystem, solution: Array) -> LinearSystem:
-    """Return a system with a further column for the estimated velocity of each friction law.
+    """Return a system with a further column for the estimated velocity of each friction law, of the name of its parameter.
 
     The velocities were estimated too. With their columns in the system, the variances of the parameters include the uncertainty
     of the velocities. A law with a parameter of zero has no column.
@@ -93,8 +104,7 @@ def with_velocities(system: LinearSystem, solution: Array) -> LinearSystem:
     values = {name: float(solution[system.names.index(name)]) for name in system.slopes}
     columns = {name: values[name] * slope for name, slope in system.slopes.items()}
     columns = {name: column for name, column in columns.items() if column.any()}
-    names = (*system.names, *(f"velocity of {name}" for name in columns))
-    return replace(system, w=np.column_stack([system.w, *columns.values()]), names=names)
+    return replace(system, w=np.column_stack([system.w, *columns.values()]), names=(*system.names, *columns))
 
 
 def spread_of_factors(
@@ -112,8 +122,8 @@ def spread_of_factors(
     ----------
     factors : Factors or Branches
         Weighted system of the deletions; columns beyond those of `names` are velocities.
-    covariance : (n, n) array
-        Covariance without the jackknife; its correlations are retained.
+    covariance : (n, n) array, or larger
+        Covariance without the jackknife, of the columns or of the parameters alone; its correlations are retained.
     known : {"decimated", "white", "correlated"}
         Kind of `covariance`.
     blocks : sequence of Block
@@ -128,6 +138,7 @@ def spread_of_factors(
     rows, columns = len(factors.residual), len(factors.inverse)
     variance = float(factors.residual @ factors.residual) / max(1, settings.divisor(rows, columns))
     n = len(names)
+    wide, covariance = covariance, covariance[:n, :n]
     white = np.sqrt(variance * np.sum(factors.inverse[:n] ** 2, axis=1))
 
     def whole(values: Array) -> Array:
@@ -146,10 +157,10 @@ def spread_of_factors(
         remark = (
             ("too few rows for a jackknife: sigma takes the errors of the model for noise",) if short else ()
         )
-        return Spread(covariance, plain, remark)
+        return Spread(covariance, plain, remark, wide)
     left_out = [part.rows for part in parts]
-    found = factors.jackknife(left_out)
-    found = replace(found, deletions=found.deletions[:, :n], information=found.information[:, :n])
+    every = factors.jackknife(left_out)
+    found = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
     decisive = found.decisive
     variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))
     m = len(parts)
@@ -175,6 +186,7 @@ def spread_of_factors(
             },
         ),
         tuple(remarks),
+        every.covariance,
     )
 
 
@@ -193,3 +205,20 @@ def with_shifts(spread: Spread, alarm: FrictionAlarm, rounding: Array, selection
         return replace(spread, uncertainty=uncertainty)
     variances = np.diag(spread.covariance) + alarm.shift**2 + rounding**2
     return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))
+
+
+def with_exchanges(
+    spread: Spread,
+    robot: Robot,
+    parts: Sequence[Segment],
+    load: Sequence[Array],
+    x: Array,
+    names: Sequence[str],
+) -> Spread:
+    """Return a spread with the friction at speeds of joints whose parameters exchange; see `exchanges`."""
+    if spread.uncertainty is None or len(spread.wide) != len(names) + len(spread.velocities):
+        return spread
+    found = exchanges(
+        robot, parts, load, x[: len(robot.parameter_names)], names, spread.velocities, spread.wide
+    )
+    return replace(spread, uncertainty=replace(spread.uncertainty, exchanges=found))

@@ -328,6 +328,7 @@ def _friction_section(fit: Identification, experiment: Experiment) -> Html:
         picture(
             plot.friction(fit, experiment), "Friction of each joint over its speed, with the rows of the log"
         ),
+        *map(paragraph, [] if fit.uncertainty is None else fit.uncertainty.exchange_lines()),
     )
 
 

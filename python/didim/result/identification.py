@@ -251,7 +251,11 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     def parameter_rows(self) -> list[tuple[str, ...]]:
         """Return heading and cells of the table of parameters, see `didim.result.table.parameter_rows`."""
-        single = {} if self.uncertainty is None else self.uncertainty.single_block
+        marks: dict[str, str] = {}
+        if self.uncertainty is not None:
+            exchanged = {name for item in self.uncertainty.exchanges for name in item.parameters}
+            marks = {name: "exchanges" for name in self.names if name in exchanged}
+            marks |= dict.fromkeys(self.uncertainty.single_block, "one block")
         return parameter_rows(
             self.names,
             self.units,
@@ -260,7 +264,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             self.std,
             self.std_white,
             self.interval_factor(),
-            dict.fromkeys(single, "one block"),
+            marks,
         )
 
     def error_rows(self) -> list[tuple[str, ...]]:

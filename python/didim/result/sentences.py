@@ -268,6 +268,26 @@ def _contradiction(f: Finding) -> str:
     )
 
 
+def _drift(f: Finding) -> str:
+    worst = (
+        f"most by {_value(f):.3g} +- {f.deviation:.2g} in {f.facts['parameter']} of '{f.facts['recording']}'"
+    )
+    if f.facts["of"] == "offset":
+        return f"the offsets of {_joints(f)} differ between recordings, {worst}"
+    texts = []
+    for item in f.facts["levels"]:
+        share, sigmas = item["share"], abs(item["share"]) / item["std"]
+        change = f"{percent(abs(share))} % {'higher' if share > 0.0 else 'lower'}"
+        texts.append(
+            f"{item['recording']}: joint {item['joint']} {change}, {sigmas:.{int(sigmas < 9.95)}f} sigma"
+        )
+    return f"friction differs from the first recording ({series(texts, 80)}): warmer, or loaded? {worst[0].upper()}{worst[1:]}"
+
+
+def _drift_advice(f: Finding) -> str:
+    return f'Give the recordings {"offsets" if f.facts["of"] == "offset" else "friction"} = "own"'
+
+
 Words = tuple[Callable[[Finding], str], Callable[[Finding], str]]
 """Functions that write the sentence and the advice of a finding."""
 
@@ -353,6 +373,7 @@ WORDS: dict[str, Words] = {
             + 'compensate_samples = "estimate" under [delay]'
         ),
     ),
+    "drift": (_drift, _drift_advice),
     "friction": (_friction, _friction_advice),
     "model-error": (_model_error, _always("")),
     "held": (_held, _always("")),

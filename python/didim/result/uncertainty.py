@@ -15,6 +15,7 @@ from .._tools.saved import UNBOUNDED, plain, restored
 from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..regression.friction.alarm import FrictionAlarm
+from ..regression.friction.exchange import Exchange
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Source of the standard deviations: the delete-block jackknife, (10) with the correlation of decimated noise, (10) itself, the
@@ -86,6 +87,8 @@ class Uncertainty(Pickled):
     rounding : ndarray, shape (b,)
         Change of each parameter, in its unit, by the steps of the encoders, which the standard deviations of the jackknife include;
         empty if not tested, zero where no steps are seen.
+    exchanges : tuple of Exchange
+        Friction at speeds inside the log, at joints where the parameters of a law exchange or its velocity is unknown.
     """
 
     kind: Kind
@@ -97,6 +100,7 @@ class Uncertainty(Pickled):
     single_block: Mapping[str, int] = field(default_factory=dict)
     friction: FrictionAlarm | None = None
     rounding: Array = field(default_factory=lambda: np.zeros(0))
+    exchanges: tuple[Exchange, ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("std_white", "joint_std", "deletions", "rounding"):
@@ -140,7 +144,7 @@ class Uncertainty(Pickled):
             found.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )
-        return [*found, *self._rounding_lines(std), *self._friction_lines(std)]
+        return [*found, *self._rounding_lines(std), *self._friction_lines(std), *self.exchange_lines()]
 
     def _rounding_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.rounding)]
@@ -177,9 +181,31 @@ class Uncertainty(Pickled):
             ]
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 
+    def exchange_lines(self) -> list[str]:
+        """Return a line for each of `exchanges`."""
+        factor = self.factor(0.95)
+        found = []
+        for item in self.exchanges:
+            law, beside = item.parameters
+            values = [
+                f"{torque:.4g} -+ {factor * std:.2g} at {speed:.2g}"
+                for speed, torque, std in zip(item.speeds, item.torques, item.stds, strict=True)
+            ]
+            reason = (
+                f"the log does not identify the velocity of {law}"
+                if item.refused
+                else f"{law} and {beside} exchange (correlation {item.correlation:.3f})"
+            )
+            found.append(
+                f"{reason}; friction of joint {item.joint + 1} in N.m or N, by speed in rad/s or m/s (95 %): {series(values, 80)}"
+            )
+        return found
+
     def of_draws(self) -> Uncertainty:
         """Return the record for the nearest robot: the distribution of its draws has the degrees of freedom of the estimate."""
-        return replace(self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={})
+        return replace(
+            self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={}, exchanges=()
+        )
 
     @property
     def origin(self) -> str:

@@ -97,6 +97,8 @@ class FrictionTerm:
         The velocity is estimated from the log, and `velocity` is where the search starts.
     fitted : bool
         The velocity is the estimate from a log: its uncertainty counts in the standard deviations of the parameters.
+    refused : bool
+        The log does not identify the velocity: the law keeps the one that it had, or is the square root in place of ``atan``.
     doubtful : bool
         The gain of the term on the log that it was chosen on is not clear: the standard deviations include how far the parameters
         move without it.
@@ -125,6 +127,7 @@ class FrictionTerm:
     velocity: float = 0.0
     estimated: bool = False
     fitted: bool = False
+    refused: bool = False
     doubtful: bool = False
     rival: float = 0.0
     name: str = ""

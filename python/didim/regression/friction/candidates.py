@@ -20,7 +20,7 @@ from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
 from .tested_laws import joint_scales
-from .velocity import decimated
+from .velocity import decimated, slowest_law
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
 """Velocities (rad/s) of atan among the candidates."""
@@ -28,8 +28,6 @@ STRIBECK = (0.02, 0.05, 0.12, 0.3)
 """Velocities (rad/s) of Stribeck's law among the candidates."""
 DAHL = (3e-4, 6e-4, 1.2e-3, 2.5e-3, 5e-3, 1e-2, 2e-2)
 """Displacements (rad) of Dahl's memory among the candidates; on real arms wider ones fit the log but predict no other."""
-LEAST_DEAD_ZONES = 2.0
-"""Smallest velocity of a law, in dead zones of its joint: a slower law only corrects the torque at rest."""
 LEAST_STANDSTILL = 0.01
 """Smallest share of samples at standstill for a standstill torque to be a candidate."""
 LEAST_STEPS = 10.0
@@ -149,7 +147,7 @@ def _offers(
     """Return the terms of a joint, each with whether it holds, and their columns at all samples, (n_samples, k) of each part."""
     friction = robot.friction
     unit = float(joint_scales(robot)[joint])
-    zone = friction.dead_zone[joint] if friction.coulomb == "sign" else friction.smoothing[joint]
+    slowest = slowest_law(robot, joint)
     dq = [part.dq[:, [joint]] for part in parts]
     offers: list[tuple[FrictionTerm, bool | None]] = []
     columns: list[list[Array]] = []
@@ -160,8 +158,8 @@ def _offers(
         columns.append(list(values))
 
     offer("hold", held, True)
-    if friction.coulomb == "sign" and zone > 0.0:
-        rest = [(np.abs(speed) <= zone).astype(np.float64) for speed in dq]
+    if friction.coulomb == "sign" and friction.dead_zone[joint] > 0.0:
+        rest = [(np.abs(speed) <= friction.dead_zone[joint]).astype(np.float64) for speed in dq]
         if np.mean(np.concatenate(rest)) > LEAST_STANDSTILL:
             offer("rest", rest)
     if friction.model == "symmetric":
@@ -171,14 +169,14 @@ def _offers(
         loaded = zip(signs, loads, strict=True)
         offer("load", [sign * load[:, [joint]] for sign, load in loaded], at_hold)
         for v in STRIBECK:
-            if v * unit >= LEAST_DEAD_ZONES * zone:
+            if v * unit >= slowest:
                 falling = [
                     sign * np.exp(-np.square(speed / (v * unit)))
                     for sign, speed in zip(signs, dq, strict=True)
                 ]
                 offer("stribeck", falling, at_hold, v * unit)
     for v in ATAN:
-        if v * unit >= LEAST_DEAD_ZONES * zone:
+        if v * unit >= slowest:
             offer("atan", [np.arctan(speed / (v * unit)) for speed in dq], None, v * unit)
     widths = np.array([h * unit for h in DAHL if h * unit >= narrowest])
     if widths.size:

@@ -32,6 +32,8 @@ WIDTHS = {"revolute": (1e-4, 0.05), "prismatic": (1e-5, 0.005)}
 reversals."""
 WIDTH_CHANGE = 1e-4
 """Relative change of a displacement, both ways, in the finite difference of Dahl's state."""
+LEAST_DEAD_ZONES = 2.0
+"""Smallest velocity of a law, in dead zones of its joint: a slower law only corrects the torque at rest."""
 GRID = 41
 """Number of grid velocities, equidistant in their logarithm: a factor of 1.18 apart."""
 GRID_SWEEPS = 2
@@ -247,7 +249,7 @@ def _estimate_velocities(
     for _ in range(GRID_SWEEPS if search else 0):
         _, weights = solve(replace(system, w=w))
         for k, term in enumerate(terms):
-            grid = np.geomspace(*_range(term, robot.joint_kinds[term.joint]), GRID)
+            grid = np.geomspace(*_range(robot, term), GRID)
             columns = _columns(robot, term, grid, parts, signal, system)
             gain = _gains(w, places[k], columns, system.y, weights)
             best = int(np.argmax(gain))
@@ -256,7 +258,7 @@ def _estimate_velocities(
             w[:, places[k]] = columns[:, best]
     start = velocities
     velocities, std = _refined(robot, start, inner, parts, signal, replace(system, w=w), solve)
-    ranges = [_range(term, robot.joint_kinds[term.joint]) for term in terms]
+    ranges = [_range(robot, term) for term in terms]
     inner &= [low < v < high for v, (low, high) in zip(velocities, ranges, strict=True)]
     if not search:
         inner &= np.maximum(velocities / start, start / velocities) < FARTHEST
@@ -275,15 +277,29 @@ def _estimate_velocities(
             continue
         velocity, good = next(found)
         if good or term.law != "atan" or not search:
-            known.append(replace(term, velocity=float(velocity), estimated=False, fitted=bool(good)))
+            good = bool(good)
+            known.append(
+                replace(term, velocity=float(velocity), estimated=False, fitted=good, refused=not good)
+            )
         else:
-            known.append(FrictionTerm(law="root", joint=term.joint))
+            known.append(FrictionTerm(law="root", joint=term.joint, refused=True))
     return replace(robot, friction=replace(robot.friction, terms=tuple(known))), estimates
 
 
-def _range(term: FrictionTerm, kind: str) -> tuple[float, float]:
+def slowest_law(robot: Robot, joint: int) -> float:
+    """Return the smallest velocity of a law at a joint: a slower one cannot be told from the sign near rest (rad/s or m/s)."""
+    friction = robot.friction
+    zone = friction.dead_zone if friction.coulomb == "sign" else friction.smoothing
+    return LEAST_DEAD_ZONES * zone[joint]
+
+
+def _range(robot: Robot, term: FrictionTerm) -> tuple[float, float]:
     """Return the velocities or widths that the search covers."""
-    return (WIDTHS if term.law == "dahl" else RANGE)[kind]
+    kind = robot.joint_kinds[term.joint]
+    if term.law == "dahl":
+        return WIDTHS[kind]
+    low, high = RANGE[kind]
+    return min(max(low, slowest_law(robot, term.joint)), 0.5 * high), high
 
 
 def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
@@ -374,7 +390,7 @@ def _refined(
         return velocities, std
     w, count = system.w.copy(), len(moving)
     own = [system.names.index(terms[k].parameter) for k in moving]
-    low, high = np.array([_range(terms[k], robot.joint_kinds[terms[k].joint]) for k in moving]).T
+    low, high = np.array([_range(robot, terms[k]) for k in moving]).T
 
     def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
         found = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]

@@ -5,7 +5,8 @@ The columns C of own offsets (friction) of every log except the first are added 
     d = (C~^T C~)^-1 C~^T rho,    C~ = C - Q Q^T C,    A = Q R
     V = (C~^T C~)^-1 m/(m - 1) sum_i s_i s_i^T (C~^T C~)^-1,    s_i = C~_i^T (rho - C~ d)_i
 
-over the m time intervals of the jackknife, which accounts for correlated model errors.
+over the m time intervals of the jackknife, which accounts for correlated model errors. With the friction torque f of a joint along
+a log by the parameters of the first, and its change C_j d_j, its friction is higher by the share ``f^T C_j d_j / f^T f``.
 Tested in ``tests/test_logs.py``.
 """
 
@@ -18,12 +19,12 @@ from typing import Literal
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import joints_text
+from ...robot.friction import NAMES
 from ..fit import Fit
 from ..jackknife import Factors, intervals
 from ..linear_system import LinearSystem
 
-Kind = Literal["offset", "friction"]
+Kind = Literal["offset", "friction", "level"]
 
 FALSE_DRIFTS = 1e-3
 """Probability of a false alarm on logs without drift, over all columns."""
@@ -31,6 +32,8 @@ NEGLIGIBLE_DRIFT = 0.05
 """Difference, as a share of a joint's residual, below which a recording needs no parameters of its own."""
 FEWEST = 3
 """Smallest number of intervals of a log for the test."""
+FRICTION = ("Fv", "Fc", *(NAMES[law] for law in ("atan", "stribeck", "root", "forward", "load", "dahl")))
+"""Parameters of a joint's friction, without its number."""
 DEPENDENT_EIGENVALUE = 1e-9
 """Eigenvalue of ``C~^T C~``, as a share of the largest, below which a combination of the columns equals one of the shared
 parameters."""
@@ -42,14 +45,14 @@ class Difference:
 
     Attributes
     ----------
-    kind : {"offset", "friction"}
-        Kind of the parameter.
+    kind : {"offset", "friction", "level"}
+        Kind of the parameter; "level" is all friction of a joint.
     parameter : str
-        Name, such as ``Off3``.
+        Name, such as ``Off3``; of a level ``friction3``.
     joint, recording : int
         Joint and recording, from 0.
     value, std : float
-        Difference and its standard deviation (SI units).
+        Difference and its standard deviation (SI units; of a level as a share of the joint's friction along this log).
     torque : float
         Root mean square of the corresponding torque, on the rows of the joint in this log (N.m or N).
     clear : bool
@@ -66,7 +69,9 @@ class Difference:
     clear: bool
 
 
-def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) -> list[Difference]:
+def differences(
+    system: LinearSystem, fit: Fit, kind: Literal["offset", "friction"], blocks: int = 20
+) -> list[Difference]:
     """Return the differences of offsets or friction from the first log, for every other log.
 
     Parameters
@@ -76,7 +81,7 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     fit : Fit
         Its solution.
     kind : {"offset", "friction"}
-        Kind of the added columns.
+        Kind of the added columns. With "friction" the levels follow.
     blocks : int
         Number of time intervals per log.
     """
@@ -101,6 +106,14 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     scores = np.array([projected[rows].T @ residual[rows] for rows in parts])
     m = len(parts)
     covariance = m / (m - 1) * inverse @ (scores.T @ scores) @ inverse
+    torques = [estimate * column for estimate, column in zip(estimates, columns.T, strict=True)]
+    if kind == "friction":
+        first = fit.solution - factors.inverse @ (factors.left.T @ (weighted @ estimates))
+        levels = _levels(system, first, columns, places)
+        estimates = np.concatenate([estimates, levels @ estimates])
+        both = np.vstack([np.eye(len(places)), levels])
+        covariance = both @ covariance @ both.T
+        places, torques = _with_levels(places, torques)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
 
@@ -110,14 +123,56 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
     compared = []
     for index, (name, joint, number) in enumerate(places):
-        rows = np.flatnonzero(columns[:, index])
+        own = torques[index][np.flatnonzero(torques[index])]
+        torque = float(np.sqrt(np.mean(own**2))) if own.size else 0.0
         value = float(estimates[index])
-        torque = abs(value) * float(np.sqrt(np.mean(columns[rows, index] ** 2)))
         clear = bool(
             abs(value) > limits[index] * std[index] > 0.0 and torque > NEGLIGIBLE_DRIFT * sizes[joint]
         )
-        compared.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
+        of: Kind = "level" if index >= columns.shape[1] else kind
+        compared.append(Difference(of, name, joint, number, value, float(std[index]), torque, clear))
     return compared
+
+
+def _levels(
+    system: LinearSystem, first: Array, columns: Array, places: Sequence[tuple[str, int, int]]
+) -> Array:
+    """Return the relative change of a joint's friction along a log by each difference, (n_levels, n_differences).
+
+    `first` are the parameters of the first log, (b,).
+    """
+    friction = np.zeros_like(system.y)
+    for joint, rows in enumerate(system.joints):
+        own = [
+            index
+            for index, name in enumerate(system.names)
+            if name in {f"{prefix}{joint + 1}{side}" for prefix in FRICTION for side in ("", "+", "-")}
+        ]
+        friction[rows] = system.w[rows][:, own] @ first[own]
+    levels = []
+    for key in _joints_of(places):
+        changed = np.array([place[1:] == key for place in places])
+        torque = np.where(columns[:, changed].any(axis=1), friction, 0.0)
+        share = torque @ columns / max(float(torque @ torque), np.finfo(float).tiny)
+        levels.append(np.where(changed, share, 0.0))
+    return np.array(levels)
+
+
+def _with_levels(
+    places: list[tuple[str, int, int]], torques: list[Array]
+) -> tuple[list[tuple[str, int, int]], list[Array]]:
+    """Append name, joint, recording and torque of each level."""
+    keys = _joints_of(places)
+    sums = [
+        np.sum([torque for torque, place in zip(torques, places, strict=True) if place[1:] == key], axis=0)
+        for key in keys
+    ]
+    return [*places, *((f"friction{joint + 1}", joint, number) for joint, number in keys)], [*torques, *sums]
+
+
+def _joints_of(places: Sequence[tuple[str, int, int]]) -> list[tuple[int, int]]:
+    """Return joint and recording of each level."""
+    return list(dict.fromkeys((joint, number) for _, joint, number in places))
 
 
 def _columns(
@@ -152,21 +207,23 @@ class Drift:
 
     Attributes
     ----------
-    sentence, advice : str
-        Observation and advice.
+    kind : {"offset", "friction"}
+        Their kind.
     joints : tuple of int
         Joints concerned, from 1.
     recordings : tuple of str
         Names of the recordings that differ from the first.
-    value : float
-        Largest difference, by the corresponding torque (SI units).
+    worst : Difference
+        Largest difference of a parameter, by the corresponding torque.
+    levels : tuple of Difference
+        Change of all friction of these joints in these recordings; empty for offsets.
     """
 
-    sentence: str
-    advice: str
+    kind: Kind
     joints: tuple[int, ...]
     recordings: tuple[str, ...]
-    value: float
+    worst: Difference
+    levels: tuple[Difference, ...]
 
 
 def drifts(compared: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
@@ -180,21 +237,24 @@ def drifts(compared: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
         Names of the recordings of the experiment.
     """
     significant = []
-    for kind, key in (("offset", "offsets"), ("friction", "friction")):
-        clear = [item for item in compared if item.kind == kind and item.clear]
-        if not clear:
+    kinds: tuple[tuple[Kind, tuple[Kind, ...]], ...] = (
+        ("offset", ("offset",)),
+        ("friction", ("friction", "level")),
+    )
+    for kind, tested in kinds:
+        places = {(item.recording, item.joint) for item in compared if item.kind in tested and item.clear}
+        if not places:
             continue
-        worst = max(clear, key=lambda item: item.torque)
-        joints = sorted({item.joint for item in clear})
-        what = "the offsets" if kind == "offset" else "the friction coefficients"
+        own = [item for item in compared if (item.recording, item.joint) in places]
         significant.append(
             Drift(
-                f"{what} of {joints_text(joints)} differ between recordings, most by {worst.value:.3g} +- "
-                f"{worst.std:.2g} in {worst.parameter} of '{names[worst.recording]}'",
-                f'Give the recordings {key} = "own"',
-                tuple(joint + 1 for joint in joints),
-                tuple(names[number] for number in sorted({item.recording for item in clear})),
-                worst.value,
+                kind=kind,
+                joints=tuple(sorted({joint + 1 for _, joint in places})),
+                recordings=tuple(names[number] for number in sorted({number for number, _ in places})),
+                worst=max((item for item in own if item.kind == kind), key=lambda item: item.torque),
+                levels=tuple(
+                    item for item in own if item.kind == "level" and item.kind in tested and item.std > 0.0
+                ),
             )
         )
     return significant
