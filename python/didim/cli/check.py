@@ -37,8 +37,8 @@ def run(options: argparse.Namespace) -> int:
     from ..diagnosis.check import check
 
     check_outputs(options.json)
-    found = check(options.experiment, options.parameters, data=options.data)
+    findings = check(options.experiment, options.parameters, data=options.data)
     saved = Saved()
-    saved.save(options.json, found.save)
-    saved.show(str(found))
-    return saved.code(NOT_CONVERGED if found else CONVERGED)
+    saved.save(options.json, findings.save)
+    saved.show(str(findings))
+    return saved.code(NOT_CONVERGED if findings else CONVERGED)

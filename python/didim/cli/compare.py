@@ -136,10 +136,7 @@ def run(options: argparse.Namespace) -> int:
     )
     saved = Saved()
     saved.save(options.json, comparison.save)
-    if options.report is not None:
-        from ..report import write
-
-        saved.save(options.report, lambda path: write(path, comparison))
+    saved.save_report(options.report, comparison)
     text = text_of(comparison, every=options.all)
     saved.show(
         text if options.format == "text" else formatted(comparison, options.format),
@@ -162,8 +159,8 @@ def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
     if not experiment.recordings:
         x = truth_of(experiment, options.parameters)
         experiment = simulated_log(experiment, x, noise=not options.no_noise, seed=options.seed)
-    found = contrasts_of(experiment, verbose=not options.quiet)
+    contrasts = contrasts_of(experiment, verbose=not options.quiet)
     saved = Saved()
-    saved.save(options.json, found.save)
-    saved.show(str(found))
-    return saved.code(exit_code(found.fits["didim"]))
+    saved.save(options.json, contrasts.save)
+    saved.show(str(contrasts))
+    return saved.code(exit_code(contrasts.fits["didim"]))

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, INTERRUPTED, add_command, add_report, add_robot, check_report
 from .outputs import Saved, check_outputs
+from .terminal.messages import progress_lines
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -84,22 +81,24 @@ def run(options: argparse.Namespace) -> int:
     if options.wanted is not None:
         settings = replace(settings, wanted=tuple(options.wanted))
     check_outputs(*options.output, options.report)
-    found = excite(
+    line = progress_lines(DESIGN_PROGRESS_S)
+
+    def progress(start: int, evaluations: int, value: float) -> None:
+        line(f"start {start}: {evaluations} motions, criterion {value:.1f}", False)
+
+    design = excite(
         robot,
         settings,
-        progress=None if options.quiet or shows_progress() else _progress(),
+        progress=None if options.quiet or shows_progress() else progress,
         verbose=False if options.quiet else None,
     )
     # Files are written first, so the result survives a reader of stdout that stops early.
     saved = Saved()
     for path in options.output:
-        saved.save(path, lambda place: save(found, place))
-    if options.report is not None:
-        from ..report import write
-
-        saved.save(options.report, lambda place: write(place, found))
-    saved.show(str(found))
-    return saved.code(INTERRUPTED if found.interrupted else CONVERGED)
+        saved.save(path, lambda place: save(design, place))
+    saved.save_report(options.report, design)
+    saved.show(str(design))
+    return saved.code(INTERRUPTED if design.interrupted else CONVERGED)
 
 
 def _positions(options: argparse.Namespace) -> int:
@@ -108,24 +107,9 @@ def _positions(options: argparse.Namespace) -> int:
     from ..methods.positions.motion import excite_positions
 
     check_outputs(*options.output)
-    found = excite_positions(load_experiment(options.robot))
+    motion = excite_positions(load_experiment(options.robot))
     saved = Saved()
     for path in options.output:
-        saved.save(path, found.save)
-    saved.show(str(found))
+        saved.save(path, motion.save)
+    saved.show(str(motion))
     return saved.code(CONVERGED)
-
-
-def _progress() -> Callable[[int, int, float], None]:
-    """Return a callback for files and pipes that prints one line per second; it is called from several threads."""
-    lock, last = threading.Lock(), [time.monotonic()]
-
-    def tell(start: int, evaluations: int, value: float) -> None:
-        with lock:
-            now = time.monotonic()
-            if now - last[0] < DESIGN_PROGRESS_S:
-                return
-            last[0] = now
-            print(f"start {start}: {evaluations} motions, criterion {value:.1f}", file=sys.stderr, flush=True)
-
-    return tell

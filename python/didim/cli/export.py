@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse, tell
-from .outputs import Saved, check_outputs
+from .outputs import Saved, check_outputs, refuse_existing
 from .terminal.width import fitted
 
 if TYPE_CHECKING:
@@ -113,8 +113,8 @@ def run(options: argparse.Namespace) -> int:
         return refuse(
             "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
         )
-    if options.output is not None and options.output.exists() and not options.force:
-        return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    if refused := refuse_existing(options.output, force=options.force):
+        return refused
     check_outputs(options.output)
     if options.latex and options.fit is None and options.parameters is None and options.robot is not None:
         return _written(options.output, to_latex(load_robot(options.robot)).encode())

@@ -155,10 +155,7 @@ def run(options: argparse.Namespace) -> int:
     saved = Saved()
     saved.save(options.json, fit.save)
     saved.save(options.save_parameters, fit.save_parameters)
-    if options.report is not None:
-        from ..report import write
-
-        saved.save(options.report, lambda path: write(path, fit, experiment))
+    saved.save_report(options.report, fit, experiment)
     if not options.quiet or saved.failed:
         verdict = fit.verdict if options.format == "text" else None
         saved.show(formatted(fit, options.format), verdict, exact=options.format != "text")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse
-from .outputs import Saved
+from .outputs import Saved, printed
 from .terminal.width import columns
 
 if TYPE_CHECKING:
@@ -48,25 +48,16 @@ def robots(_: argparse.Namespace) -> int:
     """Run ``didim robots``."""
     from ..robot.robot_file import packaged_robots
 
-    found = packaged_robots()
-    width = max(len(name) for name in found)
+    packaged = packaged_robots()
+    width = max(len(name) for name in packaged)
     lines = [f"{'robot':{width}}  joints  base parameters  description"]
-    for name, robot in found.items():
+    for name, robot in packaged.items():
         sets = f"; sets {', '.join(robot.sets)}" if robot.sets else ""
         lines.append(
             f"{name:{width}}  {robot.n_dof:6}  {len(robot.base_parameters.names):15}  {robot.description}{sets}"
         )
-    saved = Saved()
-    saved.show(
-        "\n".join(
-            [
-                *lines,
-                "",
-                "`didim robot NAME` prints the rows of one. A robot file or a URDF can take the place of a name.",
-            ]
-        )
-    )
-    return saved.code(CONVERGED)
+    end = "`didim robot NAME` prints the rows of one. A robot file or a URDF can take the place of a name."
+    return printed("\n".join([*lines, "", end]))
 
 
 def methods(_: argparse.Namespace) -> int:
@@ -76,43 +67,40 @@ def methods(_: argparse.Namespace) -> int:
     width = max(len(name) for name in METHODS)
     lines = [f"{row.name:{width}}  {row.line}" for row in METHODS.values()]
     end = "`didim identify EXPERIMENT.toml --method NAME` runs one; NAME may be module:Class, a method of your own."
-    saved = Saved()
-    saved.show("\n".join([*lines, "", end]))
-    return saved.code(CONVERGED)
+    return printed("\n".join([*lines, "", end]))
 
 
 def schema(options: argparse.Namespace) -> int:
     """Run ``didim schema``."""
     from .schema import FILES, json_schema, listed, page
 
-    saved = Saved()
     files = [file for file in FILES if options.file in (None, file)]
     if options.json:
-        saved.show(json.dumps(json_schema(options.file or "any"), indent=2, ensure_ascii=False), exact=True)
-    elif columns() is None:
-        saved.show(
-            "\n".join(f"## The {file} file\n\n{page(file)}" for file in files).rstrip("\n"), exact=True
+        return printed(
+            json.dumps(json_schema(options.file or "any"), indent=2, ensure_ascii=False), exact=True
         )
-    else:
-        saved.show("\n\n".join(listed(file) for file in files))
-    return saved.code(CONVERGED)
+    if columns() is None:
+        pages = "\n".join(f"## The {file} file\n\n{page(file)}" for file in files)
+        return printed(pages.rstrip("\n"), exact=True)
+    return printed("\n\n".join(listed(file) for file in files))
 
 
 def example(options: argparse.Namespace) -> int:
     """Run ``didim example``."""
     from .examples import copy_example, example_commands, packaged_examples
 
-    saved = Saved()
     if options.name is None:
         if options.output is not None:
             return refuse("-o needs the name of an example: didim example tx40 -o FOLDER")
-        found = packaged_examples()
-        width = max(len(name) for name in found)
-        lines = [f"{name:{width}}  {title}" for name, title in found.items()]
-        saved.show("\n".join([*lines, "", "didim example NAME copies the files of one into a folder NAME."]))
-        return saved.code(CONVERGED)
+        titles = packaged_examples()
+        width = max(len(name) for name in titles)
+        lines = [f"{name:{width}}  {title}" for name, title in titles.items()]
+        return printed(
+            "\n".join([*lines, "", "didim example NAME copies the files of one into a folder NAME."])
+        )
     folder = options.output or Path(options.name)
     written = copy_example(options.name, folder, force=options.force)
+    saved = Saved()
     saved.show(f"{folder}: {', '.join(path.name for path in written)}\n\nNow run:\n")
     # Commands are not wrapped, because they are copied.
     saved.show("\n".join([f"cd {folder}", *example_commands(options.name)]), exact=True)

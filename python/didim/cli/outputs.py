@@ -6,15 +6,16 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._tools.files import check_output, write_atomically, write_elsewhere
 from .._tools.inputs import same_file
 from .._tools.words import printable
-from .options import INTERRUPTED, NOT_CONVERGED, shown
+from .options import CONVERGED, INTERRUPTED, NOT_CONVERGED, refuse, shown
 from .terminal.messages import message
 
 if TYPE_CHECKING:
+    from ..experiment.experiment import Experiment
     from ..result.verdict import Verdict
 
 RESULT = Path("didim-result.txt")
@@ -35,6 +36,20 @@ def check_outputs(*paths: Path | None) -> None:
     for index, path in enumerate(given):
         if any(same_file(path, other) for other in given[:index]) and (path.is_file() or not path.exists()):
             raise FileExistsError(f"two outputs have the same path '{path}'")
+
+
+def refuse_existing(path: Path | None, *, force: bool) -> int | None:
+    """Return None where an output may be written, or else the exit code of wrong input; only `force` overwrites."""
+    if path is not None and path.exists() and not force:
+        return refuse(f"{path}: the file is there already; --force overwrites it")
+    return None
+
+
+def printed(text: str, *, exact: bool = False) -> int:
+    """Print a text as `Saved.show` does, and return the exit code of a command that does nothing else."""
+    saved = Saved()
+    saved.show(text, exact=exact)
+    return saved.code(CONVERGED)
 
 
 class Saved:
@@ -70,6 +85,13 @@ class Saved:
         from .._tools.saved import save_json
 
         self.save(path, lambda place: save_json(place, content))
+
+    def save_report(self, path: Path | None, result: Any, experiment: Experiment | None = None) -> None:
+        """Write a result as an HTML page, if requested."""
+        if path is not None:
+            from ..report import write
+
+            self.save(path, lambda place: write(place, result, experiment))
 
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""

@@ -74,11 +74,8 @@ def run(options: argparse.Namespace) -> int:
         saved.save_json(options.json, {"position_errors": errors})
         saved.show("\n".join(error_lines(errors)))
         return saved.code(CONVERGED)
-    found = validate(fit, experiment)
-    saved.save_json(options.json, found.to_dict())
-    if options.report is not None:
-        from ..report import write
-
-        saved.save(options.report, lambda path: write(path, found, experiment))
-    saved.show(str(found))
-    return saved.code(CONVERGED if found.completed else NOT_CONVERGED)
+    validation = validate(fit, experiment)
+    saved.save_json(options.json, validation.to_dict())
+    saved.save_report(options.report, validation, experiment)
+    saved.show(str(validation))
+    return saved.code(CONVERGED if validation.completed else NOT_CONVERGED)

@@ -38,8 +38,8 @@ def run(options: argparse.Namespace) -> int:
 
     fit = Identification.load(options.fit)
     check_outputs(options.json)
-    found = identify_payload(fit, load_experiment(options.log, data=options.data))
+    payload = identify_payload(fit, load_experiment(options.log, data=options.data))
     saved = Saved()
-    saved.save_json(options.json, found.to_dict())
-    saved.show(str(found))
+    saved.save_json(options.json, payload.to_dict())
+    saved.show(str(payload))
     return saved.code(CONVERGED)

@@ -63,14 +63,16 @@ def run(options: argparse.Namespace) -> int:
 
         require()
     experiment = load_experiment(options.log, data=options.data)
-    found = residual_torques(fit, experiment, bandwidth_hz=options.bandwidth_hz, threshold=options.threshold)
+    residual = residual_torques(
+        fit, experiment, bandwidth_hz=options.bandwidth_hz, threshold=options.threshold
+    )
     saved = Saved()
-    saved.save_json(options.json, found.to_dict())
-    saved.save(options.output, lambda path: write_atomically(path, found.csv()))
+    saved.save_json(options.json, residual.to_dict())
+    saved.save(options.output, lambda path: write_atomically(path, residual.csv()))
     if options.plot is not None:
         from ...plot.external import external
         from ...plot.style import svg
 
-        saved.save(options.plot, lambda path: write_atomically(path, svg(external(found))))
-    saved.show(str(found))
+        saved.save(options.plot, lambda path: write_atomically(path, svg(external(residual))))
+    saved.show(str(residual))
     return saved.code(CONVERGED)

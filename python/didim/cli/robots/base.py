@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_format, add_robot, formatted, tell
-from ..outputs import Saved
+from ..options import add_command, add_format, add_robot, formatted, tell
+from ..outputs import printed
 
 if TYPE_CHECKING:
     from ..options import Commands
@@ -32,11 +32,8 @@ def run(options: argparse.Namespace) -> int:
     robot = load_robot(options.robot)
     tell(robot.notes)
     base = robot.base_parameters
-    saved = Saved()
-    if options.format == "text":
-        from ...model.reach import pose_lines
+    if options.format != "text":
+        return printed(formatted(base, options.format), exact=True)
+    from ...model.reach import pose_lines
 
-        saved.show("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
-    else:
-        saved.show(formatted(base, options.format), exact=True)
-    return saved.code(CONVERGED)
+    return printed("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))

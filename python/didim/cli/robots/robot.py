@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..._tools.files import write_atomically
 from ..options import CONVERGED, add_chain, add_command, locked, refuse, tell
-from ..outputs import Saved, check_outputs
+from ..outputs import Saved, check_outputs, refuse_existing
 from ..terminal.messages import message
 
 if TYPE_CHECKING:
@@ -120,7 +120,5 @@ def _refused_output(options: argparse.Namespace) -> int | None:
     if options.output is not None:
         if options.output.suffix != ".toml":
             return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
-        if options.output.exists() and not options.force:
-            return refuse(f"{options.output}: the file is there already; --force overwrites it")
     check_outputs(options.output)
-    return None
+    return refuse_existing(options.output, force=options.force)

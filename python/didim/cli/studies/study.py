@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +20,7 @@ from ..options import (
     formatted,
 )
 from ..outputs import Saved, check_outputs
-from ..terminal.messages import message
+from ..terminal.messages import message, progress_lines
 
 if TYPE_CHECKING:
     from ...monte_carlo.results import StudyResults
@@ -118,10 +115,7 @@ def run(options: argparse.Namespace) -> int:
         message(remark, "note")
     saved = Saved()
     saved.save(options.parquet, results.write_parquet)
-    if options.report is not None:
-        from ...report import write
-
-        saved.save(options.report, lambda path: write(path, results))
+    saved.save_report(options.report, results)
     saved.show(formatted(results, options.format), exact=options.format != "text")
     return saved.code(code)
 
@@ -144,13 +138,14 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
         executor, address = "ray", options.ray or None
     elif options.mpi:
         executor = "mpi"
-    lost = [0]
-    tell = None if options.quiet or shows_progress() else _progress()
+    lost = 0
+    line = None if options.quiet or shows_progress() else progress_lines(STUDY_PROGRESS_S)
 
     def progress(state: Progress) -> None:
-        lost[0] = state.lost
-        if tell is not None:
-            tell(state)
+        nonlocal lost
+        lost = state.lost
+        if line is not None:
+            line(str(state), state.done >= state.total)
 
     try:
         results = study(
@@ -169,22 +164,8 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
         reason = error.strerror or str(error)
         message(f"{output}: {reason}; the table is of the rows so far, and the same command goes on")
         return StudyResults.read(output, appended=True), NOT_CONVERGED
-    if lost[0]:
+    if lost:
         message(
-            f"{counted(lost[0], 'task')} lost with the workers that ran them; the same command tries them again"
+            f"{counted(lost, 'task')} lost with the workers that ran them; the same command tries them again"
         )
-    return results, NOT_CONVERGED if lost[0] else CONVERGED
-
-
-def _progress() -> Callable[[Progress], None]:
-    """Return a callback for files and pipes that prints a line every few seconds, and one at the end."""
-    last = [time.monotonic()]
-
-    def tell(state: Progress) -> None:
-        now = time.monotonic()
-        if now - last[0] < STUDY_PROGRESS_S and state.done < state.total:
-            return
-        last[0] = now
-        print(state, file=sys.stderr, flush=True)
-
-    return tell
+    return results, NOT_CONVERGED if lost else CONVERGED

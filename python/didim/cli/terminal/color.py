@@ -36,8 +36,8 @@ def painted(text: str, code: str, stream: TextIO | None = None) -> str:
     return "\n".join(f"\033[{code}m{line}\033[0m" if line else line for line in text.split("\n"))
 
 
-def titled(text: str, stream: TextIO | None = None) -> str:
+def titled(text: str) -> str:
     """Return a help text with bold titles of sections."""
-    if not is_colored(sys.stdout if stream is None else stream):
+    if not is_colored(sys.stdout):
         return text
     return _TITLE.sub(lambda found: f"\033[{BOLD}m{found.group()}\033[0m", text)

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 from ..._tools.words import did_you_mean
 from .color import titled
-from .messages import message
+from .messages import message as print_message
 from .width import columns, wrapped
 
 WIDEST_HELP = 100
@@ -77,7 +77,7 @@ class Parser(argparse.ArgumentParser):
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         """Exit, with a message on stderr."""
         if message:
-            say(message.removeprefix("didim: "))
+            print_message(message.removeprefix("didim: "))
         sys.exit(status)
 
     def format_usage(self) -> str:
@@ -135,11 +135,6 @@ class MainParser(Parser):
              ("--version", "show the version")], width
         )  # fmt: skip
         return "\n".join([*lines, "", *str(self.epilog).split("\n")]) + "\n"
-
-
-def say(text: str) -> None:
-    """Print an error of the command line on stderr."""
-    message(text)
 
 
 def command_sentences(commands: argparse._SubParsersAction[Parser]) -> dict[str, str]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+import threading
+import time
+from collections.abc import Callable
 
 from ..._tools.words import printable
 from .color import CYAN, RED, YELLOW, painted
@@ -21,3 +24,21 @@ def message(text: str, kind: str = "") -> None:
     lines = [line] if width is None else wrapped(line, width)
     lines[0] = painted(head.rstrip(), KINDS[kind], sys.stderr) + lines[0][len(head) - 1 :]
     print("\n".join(lines), file=sys.stderr, flush=True)
+
+
+def progress_lines(seconds: float) -> Callable[[str, bool], None]:
+    """Return a printer of progress for files and pipes, on stderr and from any thread.
+
+    It prints at most one line in so many seconds, but always a line that is the last one.
+    """
+    lock, printed = threading.Lock(), time.monotonic()
+
+    def line(text: str, is_last: bool) -> None:
+        nonlocal printed
+        with lock:
+            now = time.monotonic()
+            if is_last or now - printed >= seconds:
+                printed = now
+                print(text, file=sys.stderr, flush=True)
+
+    return line
