@@ -60,8 +60,19 @@ def surely_within(array: Array, limit: float) -> bool:
     return bool(np.vdot(array, array) <= 0.5 * limit * limit)
 
 
+def quotient(values: Array, sizes: Array, otherwise: float = 0.0) -> Array:
+    """Return values over sizes, and `otherwise` where a size is not positive; shapes are broadcast."""
+    out = np.full(np.broadcast_shapes(values.shape, sizes.shape), otherwise)
+    return np.asarray(np.divide(values, sizes, out=out, where=sizes > 0.0))
+
+
 def relative_percent(std: Array, values: Array) -> Array:
     """Equation (11): standard deviations in percent of the size of their values; NaN for values of zero."""
-    size = np.abs(values)
     with np.errstate(over="ignore"):  # infinite for tiny values
-        return 100.0 * np.divide(std, size, out=np.full_like(size, np.nan), where=size > 0.0)
+        return 100.0 * quotient(std, np.abs(values), np.nan)
+
+
+def true_ranges(flags: NDArray[np.bool_], shortest: int = 1) -> list[tuple[int, int]]:
+    """Return the half-open ranges of at least `shortest` true flags in a row."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist() if stop - start >= shortest]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
@@ -37,3 +38,13 @@ class Pickled:
             if name in state["read_only"]:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+
+def make_read_only(record: object, arrays: Iterable[str], mappings: Iterable[str] = ()) -> None:
+    """Replace fields of a frozen dataclass by copies that are read-only: arrays of numbers, and mappings."""
+    for key in arrays:
+        values = np.array(getattr(record, key), dtype=np.float64)
+        values.flags.writeable = False
+        object.__setattr__(record, key, values)
+    for key in mappings:
+        object.__setattr__(record, key, MappingProxyType(dict(getattr(record, key))))

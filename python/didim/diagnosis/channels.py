@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, true_ranges
 from ..evidence.torques import is_constant
 from ..log.recording import Recording
 from ..result.finding import Finding, said
@@ -71,7 +71,7 @@ class Channel:
             place += f" (recording '{self.recording.name}')"
         return place
 
-    def found(self, **more: Any) -> Finding:
+    def finding(self, **more: Any) -> Finding:
         """Make a finding on this channel."""
         return said(
             recording=self.recording.name,
@@ -126,12 +126,6 @@ def _same(values: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(np.diff(values)) <= ROUNDING * np.abs(values).max())
 
 
-def _runs(flags: NDArray[np.bool_], shortest: int) -> list[tuple[int, int]]:
-    """Half-open ranges of at least so many true flags in a row."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
-
-
 def _usual(bends: Array) -> float:
     """Size of the second differences that 1 of 100 samples exceeds."""
     return float(np.quantile(bends, 0.99)) if bends.size else 0.0
@@ -141,7 +135,7 @@ def _stuck(channel: Channel) -> list[Finding]:
     """Find an encoder that stands still in full motion: a joint stops gradually, a dead encoder at once."""
     values = channel.values
     bends = np.abs(np.diff(values, 2))
-    runs = _runs(_same(values), STUCK_SAMPLES - 1)
+    runs = true_ranges(_same(values), STUCK_SAMPLES - 1)
     # The edges of the runs themselves must not decide what is usual, nor rest.
     moving = np.ones(bends.size, dtype=bool)
     for start, stop in runs:
@@ -149,15 +143,9 @@ def _stuck(channel: Channel) -> list[Finding]:
     usual = _usual(bends[moving])
     if usual == 0.0:
         return []
-    found: list[tuple[int, int]] = []
-    for start, stop in runs:
-        # Samples start to stop are equal; bends[k] is the one at sample k + 1.
-        edges = [bends[k] for k in (start - 1, stop - 1) if 0 <= k < bends.size]
-        if max(edges, default=0.0) > BREAK * usual:
-            found.append((start, stop))
     rate = channel.recording.rate_hz
     return [
-        channel.found(
+        channel.finding(
             kind="stuck",
             sentence=f"{channel} is stuck from sample {start} to sample {stop} "
             f"({start / rate:.6g} s to {stop / rate:.6g} s): it stops or starts in full motion",
@@ -165,7 +153,9 @@ def _stuck(channel: Channel) -> list[Finding]:
             sample=start,
             last_sample=stop,
         )
-        for start, stop in found
+        for start, stop in runs
+        # Samples start to stop are equal; bends[k] is the one at sample k + 1.
+        if max((bends[k] for k in (start - 1, stop - 1) if 0 <= k < bends.size), default=0.0) > BREAK * usual
     ]
 
 
@@ -211,7 +201,7 @@ def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) 
             )
         else:
             found.append(
-                at[0].found(
+                at[0].finding(
                     kind="jump",
                     sentence=f"{at[0]} jumps behind sample {sample} ({time:.6g} s), the others do not",
                     advice="Look at encoder and logger; leave these samples out with windows_s",
@@ -242,7 +232,7 @@ def _clipped(channel: Channel) -> list[Finding]:
     total = sum(count for _, count, _ in found)
     first = min(sample for _, _, sample in found)
     return [
-        channel.found(
+        channel.finding(
             kind="clipped",
             sentence=f"{channel} is clipped at {limits}: {total} samples have that value, the first of them sample {first}",
             advice="Move more slowly or raise the limit of the drive or of the logger; until then exclude these times "
@@ -263,7 +253,7 @@ def _coarse(channel: Channel) -> list[Finding]:
     if moved < 0.01:
         return []
     return [
-        channel.found(
+        channel.finding(
             kind="quantised",
             sentence=f"{channel} has {levels} different values only, so one step is "
             f"{100.0 / (levels - 1):.2g} % of its range",

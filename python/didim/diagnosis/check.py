@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._tools.arrays import Array, real_array
+from .._tools.arrays import Array, real_array, true_ranges
 from .._tools.progress import ProgressLine
 from ..errors import DidimError, FitError, SignalError
 from ..evidence.causes import Search
@@ -186,11 +186,8 @@ def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
             cuts.add(last + 2)
     if len(cuts) == len(recording.windows):
         return recording
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], used.astype(int), [0]]))).reshape(-1, 2).tolist()
-    longest = max((stop - start for start, stop in edges), default=0)
-    windows = tuple(
-        (start, stop) for start, stop in edges if stop - start >= max(MINIMUM_SAMPLES, 0.1 * longest)
-    )
+    longest = max((stop - start for start, stop in true_ranges(used)), default=0)
+    windows = tuple(true_ranges(used, max(MINIMUM_SAMPLES, math.ceil(0.1 * longest))))
     return replace(recording, windows=windows) if windows else recording
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from .._tools.arrays import true_ranges
 from ..result.finding import Finding, said
 from ..robot.robot import Robot
 from ..signal.segments import Segment
@@ -18,7 +21,7 @@ LARGEST_SHARE = 0.05
 
 
 def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
-    """Tell joints that stand still for long, where Coulomb friction is a plain sign."""
+    """Report joints that stand still for long, where Coulomb friction is a plain sign."""
     if robot.friction.coulomb != "sign":
         return []
     held = [term.joint for term in robot.friction.terms if term.law == "hold"]
@@ -28,7 +31,11 @@ def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
             continue
         top = max(float(np.abs(part.dq[:, joint]).max()) for part in parts)
         resting = sum(
-            _resting(np.abs(part.dq[:, joint]) < SLOW * top, LONG_S * part.rate_hz) for part in parts
+            stop - start
+            for part in parts
+            for start, stop in true_ranges(
+                np.abs(part.dq[:, joint]) < SLOW * top, math.ceil(LONG_S * part.rate_hz)
+            )
         )
         share = resting / sum(len(part.q) for part in parts)
         if share > LARGEST_SHARE:
@@ -48,10 +55,3 @@ def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
             value=max(shares.values()),
         )
     ]
-
-
-def _resting(slow: np.ndarray[tuple[int], np.dtype[np.bool_]], shortest: float) -> int:
-    """Count samples in stretches that are slow for long enough."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int))).reshape(-1, 2)
-    lengths = edges[:, 1] - edges[:, 0]
-    return int(lengths[lengths >= shortest].sum())

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..model.dynamics import rigid_torque
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
@@ -59,7 +59,7 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
     std = np.zeros(0) if fit is None else fit.std
     if tested and alarm is not None and alarm.raised and fit is not None and fit.uncertainty is not None:
         noise = fit.uncertainty.without_shift(fit.std)
-        shift = np.divide(alarm.shift[: len(noise)], noise, out=np.zeros_like(noise), where=noise > 0.0)
+        shift = quotient(alarm.shift[: len(noise)], noise)
         return _missing(
             alarm.law,
             [joint + 1 for joint in alarm.joints],

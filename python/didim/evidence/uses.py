@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
 from ..result.finding import Finding
 from ..result.identification import Identification
@@ -98,9 +98,7 @@ def noise_covariance(fit: Identification) -> Array:
     """Return the covariance of noise alone, (b, b): the shift of friction that the model lacks is in what is missed already."""
     if fit.uncertainty is None:
         return fit.covariance
-    share = np.divide(
-        fit.uncertainty.without_shift(fit.std), fit.std, out=np.ones_like(fit.std), where=fit.std > 0.0
-    )
+    share = quotient(fit.uncertainty.without_shift(fit.std), fit.std, 1.0)
     return np.asarray(fit.covariance * np.outer(share, share))
 
 

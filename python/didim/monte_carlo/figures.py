@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..result.status import Status
 from ..result.uncertainty import student_factor
 from .worker import ERROR, FAILED, LOST
@@ -111,7 +111,7 @@ def figures_of(
     beta, std = (_numbers([row[key] for row in alike], len(known)) for key in ("beta", "std"))
     factor = _numbers([[row["factor"]] for row in alike], 1)
     # A parameter without standard deviation or true value is not judged (z is NaN).
-    z = np.divide(beta - known, std, out=np.full_like(beta, np.nan), where=std > 0.0)
+    z = quotient(beta - known, std, np.nan)
     judged = np.isfinite(z)
     z = z[judged.any(axis=1)][:, judged.any(axis=0)]
     within = np.where(np.isfinite(z), np.abs(z) <= factor[judged.any(axis=1)], np.nan)

@@ -14,7 +14,20 @@ from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
 from ..studies.prediction import Prediction, explained, predict
-from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, plain_ticks, styled
+from .style import (
+    CYCLE,
+    FAINT,
+    GOOD,
+    MARKERS,
+    RESIDUAL,
+    WIDTH_IN,
+    legend_above,
+    new_figure,
+    plain_numbers,
+    plain_ticks,
+    shade_rows,
+    styled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,10 +51,10 @@ MOST_SIGMAS = 8.0
 
 def estimate_correlation(fit: Identification) -> tuple[tuple[str, ...], Array]:
     """Return the parameters that have a standard deviation, and the correlation matrix of their estimates."""
-    kept = np.flatnonzero(fit.std > 0.0)
-    std = fit.std[kept]
-    matrix = fit.covariance[np.ix_(kept, kept)] / np.outer(std, std)
-    return tuple(fit.names[index] for index in kept), matrix
+    known = np.flatnonzero(fit.std > 0.0)
+    std = fit.std[known]
+    matrix = fit.covariance[np.ix_(known, known)] / np.outer(std, std)
+    return tuple(fit.names[index] for index in known), matrix
 
 
 @styled
@@ -197,20 +210,18 @@ def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[
     length = -(-n // count)
     figure = new_figure(extra_in + ROW_IN * length)
     axes = np.atleast_1d(figure.subplots(1, count))
-    found = []
+    columns = []
     for column, ax in enumerate(axes):
         rows = list(range(column * length, min(n, (column + 1) * length)))
         ax.set_yticks(np.arange(len(rows)), [names[index] for index in rows], fontsize=7.5)
         ax.set_ylim(length - 0.4, -0.6)
         ax.tick_params(axis="y", length=0)
-        found.append((ax, rows))
-    return figure, found
+        columns.append((ax, rows))
+    return figure, columns
 
 
 def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Figure:
     """Draw estimates and intervals in % of the torque that a parameter explains, beyond 1 % on a logarithmic scale."""
-    from matplotlib.ticker import FuncFormatter, NullLocator
-
     scale = 100.0 * explained(predictions)
     value, half = fit.beta * scale, fit.interval_factor() * fit.std * scale
     figure, columns = _columns(fit.names, 1.0)
@@ -222,35 +233,20 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
     }
     for ax, rows in columns:
         ax.axvline(0.0, color="#3a424d", linewidth=0.8)
-        for place in np.arange(len(rows))[1::2]:
-            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
+        shade_rows(ax, len(rows))
         for good, color, face in ((True, GOOD, GOOD), (False, RESIDUAL, "white")):
-            kept = [(place, k) for place, k in enumerate(rows) if bool(well[k]) is good]
-            if not kept:
+            places = [place for place, k in enumerate(rows) if bool(well[k]) is good]
+            if not places:
                 continue
-            places, indices = (list(item) for item in zip(*kept, strict=True))
-            ax.hlines(
-                places,
-                value[indices] - half[indices],
-                value[indices] + half[indices],
-                color=color,
-                linewidth=1.4,
-            )
-            ax.plot(
-                value[indices],
-                places,
-                "o",
-                markersize=4.2,
-                color=color,
-                markerfacecolor=face,
-                label=labels[good],
-            )
+            middle, reach_of = value[rows][places], half[rows][places]
+            ax.hlines(places, middle - reach_of, middle + reach_of, color=color, linewidth=1.4)
+            style: dict[str, Any] = {"markersize": 4.2, "color": color, "markerfacecolor": face}
+            ax.plot(middle, places, "o", label=labels[good], **style)
         ax.set_xscale("symlog", linthresh=LINEAR_PERCENT, linscale=0.6)
         ax.set_xlim(-reach, reach)
         ticks = [tick for tick in (1.0, 10.0, 100.0, 1000.0) if tick < reach]
         ax.set_xticks([-tick for tick in reversed(ticks)] + [0.0, *ticks])
-        ax.xaxis.set_minor_locator(NullLocator())
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda number, _: f"{number:g}"))
+        plain_numbers(ax.xaxis)
         ax.set_xlabel("torque explained (%), 95 % interval")
         ax.grid(axis="y", visible=False)
     handles: dict[str, Any] = {}
@@ -263,7 +259,6 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
 def _intervals(fit: Identification) -> Figure:
     """Draw half intervals in % on a logarithmic axis, with colours for well identified parameters (as in the paper)."""
     from matplotlib.patches import Patch
-    from matplotlib.ticker import FuncFormatter, NullLocator
 
     figure, columns = _columns(fit.names, 1.0)
     factor = fit.interval_factor()
@@ -292,8 +287,7 @@ def _intervals(fit: Identification) -> Figure:
         ax.set_xscale("log")
         ax.set_xlim(low, HIGHEST_PERCENT if lengths.max() > 200.0 else 200.0)
         ax.set_xlabel("estimate ± this (%), 95 % interval")
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.xaxis.set_minor_locator(NullLocator())
+        plain_numbers(ax.xaxis)
         ax.grid(axis="y", visible=False)
     handles = [
         Patch(facecolor=GOOD, label=f"well identified (sigma below {WELL_IDENTIFIED_PERCENT:.0f} %)"),
@@ -330,8 +324,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
     for ax, rows in columns:
         if truth is not None:
             ax.axvspan(-band, band, color=FAINT, linewidth=0.0, zorder=0.5)
-        for place in np.arange(len(rows))[1::2]:
-            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
+        shade_rows(ax, len(rows))
         ax.axvline(0.0, color="#3a424d", linewidth=0.8)
         ax.set_xlim(-reach, reach)
         ax.grid(axis="y", visible=False)
@@ -340,6 +333,5 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
             f"estimate less {what} (standard deviations)"
             + ("\nbeyond 8: on the edge" if largest > MOST_SIGMAS else "")
         )
-    handles, labels = columns[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    legend_above(figure, columns[0][0])
     return figure

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._tools.arrays import Array
 from ..excitation.design import Excitation
 from ..model.dynamics import inverse_dynamics
 from ..model.kinematics import frames
-from .style import FAINT, MODEL, RESIDUAL, line, new_figure, per_row, styled, units
+from .style import FAINT, MODEL, RESIDUAL, legend_above, line, new_figure, per_row, styled, units
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_POSES = 60
@@ -56,32 +54,20 @@ def motion(design: Excitation) -> Figure:
         if joint >= n:
             axes.set_axis_off()
             continue
-        _joint(
-            axes, t, {kind: values[:, joint] for kind, values in shares.items()}, colors, design.limits.margin
-        )
-        axes.set_title(_title(design, joint))
+        for kind, values in shares.items():
+            line(axes, [(t, values[:, joint])], color=colors[kind], label=kind, linewidth=0.9)
+        # Limits reduced by the margin.
+        for bound in (-design.limits.margin, design.limits.margin):
+            axes.axhline(bound, color="black", linewidth=0.6, linestyle=":")
+        unit = units(design.robot.joint_kinds[joint])[0]
+        low, high = limits.lowest[joint], limits.highest[joint]
+        axes.set_title(f"joint {joint + 1}, {low:.3g} to {high:.3g} {unit}")
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
     for row in grid:
         row[0].set_ylabel("share of limit")
-    handles, labels = grid.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    legend_above(figure, grid.flat[0])
     return figure
-
-
-def _joint(axes: Axes, t: Array, shares: dict[str, Array], colors: dict[str, str], margin: float) -> None:
-    for kind, values in shares.items():
-        line(axes, [(t, values)], color=colors[kind], label=kind, linewidth=0.9)
-    # Limits reduced by the margin.
-    for bound in (-margin, margin):
-        axes.axhline(bound, color="black", linewidth=0.6, linestyle=":")
-
-
-def _title(design: Excitation, joint: int) -> str:
-    unit = units(design.robot.joint_kinds[joint])[0]
-    limits = design.limits.whole
-    low, high = limits.lowest[joint], limits.highest[joint]
-    return f"joint {joint + 1}, {low:.3g} to {high:.3g} {unit}"
 
 
 @styled

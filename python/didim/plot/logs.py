@@ -7,14 +7,26 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import PlotError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..loop.simulation import Simulation
 from ..result.identification import Identification
 from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
-from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, percent, styled, units
+from .style import (
+    FAINT,
+    MEASURED,
+    MODEL,
+    RESIDUAL,
+    line,
+    new_figure,
+    panel_pairs,
+    per_row,
+    percent,
+    styled,
+    units,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,7 +148,7 @@ def overlay(
     place = 0 if quantity == "q" else 1
     size = np.linalg.norm(measured, axis=0)
     error = np.linalg.norm(measured - model, axis=0)
-    shares = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)
+    shares = quotient(error, size, np.nan)
     return _compared(
         [(recording.t[start : start + len(model)] - recording.t[start], measured, model)],
         labels=("measured", "simulated"),
@@ -178,35 +190,23 @@ def _compared(
 ) -> Figure:
     """Draw two lines per joint, and below them the difference on its own axis, with a band around it."""
     n = len(names)
-    rows, columns = per_row(n, PANELS_PER_ROW)
+    rows, _ = per_row(n, PANELS_PER_ROW)
     figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.09)
-    # One grid for all panels aligns their time axes.
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=(2.4, 1.0) * rows)
-    handles: list[Any] = []
-    for joint in range(n):
-        row, column = divmod(joint, columns)
-        upper = figure.add_subplot(grid[2 * row, column])
-        lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
+    for joint, upper, lower in panel_pairs(figure, n, PANELS_PER_ROW, (2.4, 1.0)):
         _draw(upper, lower, pieces, joint, labels)
         for t, half in bands:
-            kept = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
-            lower.fill_between(
-                t[kept], -half[kept, joint], half[kept, joint], color=FAINT, linewidth=0.0, zorder=0.4
-            )
-        upper.set_title(f"joint {joint + 1}")
+            thinned = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
+            edge = half[thinned, joint]
+            lower.fill_between(t[thinned], -edge, edge, color=FAINT, linewidth=0.0, zorder=0.4)
         upper.set_title(f"difference {notes[joint]}", loc="right", color=RESIDUAL, fontweight="normal")
         upper.set_ylabel(f"{names[joint]} ({units[joint]})")
         lower.set_ylabel(f"diff. ({units[joint]})")
-        upper.tick_params(labelbottom=False)
-        lower.margins(x=0.01)
-        lower.set_xlim(left=0.0)
         lower.locator_params(axis="y", nbins=3)
-        if joint >= n - columns:
-            lower.set_xlabel("time (s), one recording after the other" if several else "time (s)")
-        else:
-            lower.tick_params(labelbottom=False)
-        handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
-    figure.align_ylabels()
+    if several:
+        for axes in figure.axes:
+            if axes.get_xlabel():
+                axes.set_xlabel("time (s), one recording after the other")
+    handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
 

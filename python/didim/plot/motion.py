@@ -15,7 +15,20 @@ from ..result.identification import Identification
 from ..signal.segments import motion_of
 from ..studies.prediction import Prediction, predict
 from .logs import start_of
-from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, styled, units
+from .style import (
+    FAINT,
+    MEASURED,
+    MODEL,
+    RESIDUAL,
+    legend_above,
+    line,
+    new_figure,
+    panel_pairs,
+    per_row,
+    plain_numbers,
+    styled,
+    units,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,13 +73,10 @@ def motion(experiment: Experiment) -> Figure:
         raise PlotError(f"experiment '{experiment.name}' has no positions to draw")
     pieces = _pieces(experiment, recordings)
     robot = experiment.robot
-    rows, columns = per_row(robot.n_dof, PANELS_PER_ROW)
+    rows, _ = per_row(robot.n_dof, PANELS_PER_ROW)
     figure = new_figure(0.4 + 2.5 * rows, gap_in=0.05)
-    grid = figure.add_gridspec(2 * rows, columns)
-    for joint, limits in enumerate(robot.limits):
-        row, column = divmod(joint, columns)
-        upper = figure.add_subplot(grid[2 * row, column])
-        lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
+    for joint, upper, lower in panel_pairs(figure, robot.n_dof, PANELS_PER_ROW, (1.0, 1.0)):
+        limits = robot.limits[joint]
         unit = units(robot.joint_kinds[joint])[0]
         line(upper, [(t, q[:, joint]) for t, q, _ in pieces], color=MODEL)
         line(lower, [(t, dq[:, joint]) for t, _, dq in pieces], color=MODEL, linewidth=0.8)
@@ -80,38 +90,29 @@ def motion(experiment: Experiment) -> Figure:
         if limits.velocity is not None:
             _limits(lower, (-limits.velocity, limits.velocity))
             shares.append(_share("speed", speed, limits.velocity))
-        upper.set_title(f"joint {joint + 1}")
         upper.set_title(
             ", ".join(shares) or "no limits known", loc="right", fontweight="normal", fontsize=8.0
         )
         upper.set_ylabel(unit)
         lower.set_ylabel(f"{unit}/s")
-        upper.tick_params(labelbottom=False)
         for axes in (upper, lower):
             axes.locator_params(axis="y", nbins=4)
-        lower.margins(x=0.01)
-        lower.set_xlim(left=0.0)
-        if joint >= robot.n_dof - columns:
-            lower.set_xlabel("time (s)")
-        else:
-            lower.tick_params(labelbottom=False)
-    figure.align_ylabels()
     return figure
 
 
 def _pieces(experiment: Experiment, recordings: Sequence[Recording]) -> list[tuple[Array, Array, Array]]:
     """Return times, filtered positions and speeds of each window."""
-    found: list[tuple[Array, Array, Array]] = []
+    pieces: list[tuple[Array, Array, Array]] = []
     last = 0.0
     for recording in recordings:
         offset = last - start_of(recording)
         for start, stop in recording.windows:
             q, dq, _ = motion_of(recording, (start, stop), experiment.signal)
             t = recording.t[start:stop] + offset
-            kept = slice(experiment.signal.trim_start, len(t) - experiment.signal.trim_end)
-            found.append((t[kept], q[kept], dq[kept]))
+            used = slice(experiment.signal.trim_start, len(t) - experiment.signal.trim_end)
+            pieces.append((t[used], q[used], dq[used]))
             last = float(t[-1])
-    return found
+    return pieces
 
 
 def _limits(axes: Axes, bounds: tuple[float, float]) -> None:
@@ -147,7 +148,7 @@ def spectra(
     DidimError
         As for `torques`.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import LogLocator
 
     found = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
@@ -172,13 +173,11 @@ def spectra(
         axes.set_ylim(top * LOWEST_SHARE, top * 2.0)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(numticks=6))
-            axis.set_minor_locator(NullLocator())
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            plain_numbers(axis)
         axes.margins(x=0.01)
         if joint >= len(kinds) - columns:
             axes.set_xlabel("frequency (Hz)")
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    legend_above(figure, axes)
     return figure
 
 

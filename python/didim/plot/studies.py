@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._tools.arrays import Array
 from ..errors import PlotError
 from ..monte_carlo.figures import Estimate, Figures
 from ..monte_carlo.results import StudyResults
@@ -131,8 +132,9 @@ def _panels(
                 (f for f in study.figures if f.method == method and f.scenario in names), key=place
             )
             items = [item for item in items if np.isfinite(item.torque_error.value)]
-            x = np.array([place(item) for item in items])
-            _line(ax, x, [item.torque_error for item in items], color, marker, method)
+            y, bars = _with_bars([item.torque_error for item in items])
+            style: dict[str, Any] = {"color": color, "marker": marker, "markersize": 4.5, "elinewidth": 0.8}
+            ax.errorbar([place(item) for item in items], y, yerr=bars, capsize=2.0, label=method, **style)
         positive = all(place(f) > 0.0 for f in study.figures if f.scenario in names)
         ax.set_xscale("log" if positive else "linear")
         ax.set_yscale("log")
@@ -150,13 +152,11 @@ def _panels(
     return figure
 
 
-def _line(ax: Axes, x: Any, values: Sequence[Estimate], color: str, marker: str, label: str) -> None:
-    y = np.array([100.0 * item.value for item in values])
-    low, high = (np.array([100.0 * getattr(item, end) for item in values]) for end in ("low", "high"))
-    bars = [np.nan_to_num(y - low), np.nan_to_num(high - y)] if len(y) else None
-    ax.errorbar(
-        x, y, yerr=bars, color=color, marker=marker, markersize=4.5, capsize=2.0, elinewidth=0.8, label=label
-    )
+def _with_bars(estimates: Sequence[Estimate]) -> tuple[Array, Array | None]:
+    """Return estimates in %, (n,), and the lengths of their bars to both sides, (2, n)."""
+    ends = ((item.value, item.low, item.high) for item in estimates)
+    value, low, high = 100.0 * np.array([*ends]).reshape(-1, 3).T
+    return value, np.nan_to_num([value - low, high - value]) if len(value) else None
 
 
 def _legend(figure: Figure, ax: Axes, styles: Mapping[str, tuple[str, str]]) -> None:
@@ -192,22 +192,9 @@ def coverage(study: StudyResults) -> Figure:
     for k, (method, (color, marker)) in enumerate(styles.items()):
         items = [f for f in study.figures if f.method == method and np.isfinite(f.coverage.value)]
         y = np.array([names.index(item.scenario) - 0.35 + step * (k + 0.5) for item in items])
-        x = np.array([100.0 * item.coverage.value for item in items])
-        low, high = (
-            np.array([100.0 * getattr(item.coverage, end) for item in items]) for end in ("low", "high")
-        )
-        bars = [np.nan_to_num(x - low), np.nan_to_num(high - x)] if items else None
-        ax.errorbar(
-            x,
-            y,
-            xerr=bars,
-            linestyle="none",
-            color=color,
-            marker=marker,
-            markersize=4.0,
-            elinewidth=0.8,
-            label=method,
-        )
+        x, bars = _with_bars([item.coverage for item in items])
+        style: dict[str, Any] = {"color": color, "marker": marker, "markersize": 4.0, "elinewidth": 0.8}
+        ax.errorbar(x, y, xerr=bars, linestyle="none", label=method, **style)
     ax.axvline(95.0, color="#3a424d", linewidth=0.9, linestyle="--")
     for k in range(1, len(names), 2):
         ax.axhspan(k - 0.5, k + 0.5, color=FAINT, alpha=0.45, linewidth=0.0, zorder=0.5)

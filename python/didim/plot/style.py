@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -68,6 +68,9 @@ STYLE: dict[Any, Any] = {
 }
 
 
+PanelPair = tuple[int, Axes, Axes]
+"""A joint, from 0, with its upper and its lower panel."""
+
 _PATH = re.compile(r' d="[^"]*"')
 _INDENT = re.compile(r" *\n *")
 _DIGITS = re.compile(r"(\.\d\d)\d+")
@@ -110,15 +113,57 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.0
 
 def plain_ticks(axis: Axis) -> None:
     """Label a logarithmic axis with numbers such as 4 and 0.02; a short axis also between powers of ten."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+    from matplotlib.ticker import LogLocator
 
     low, high = axis.get_view_interval()
     decades = np.log10(high / low)
     subs = (1.0,) if decades > 3.0 else (1.0, 2.0, 5.0) if decades > 0.7 else tuple(range(1, 10))
     axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    plain_numbers(axis)
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Label the major ticks of an axis with numbers such as 100, and leave out the minor ones."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
+
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Draw the legend of one panel in a row above all panels."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+
+
+def shade_rows(axes: Axes, count: int) -> None:
+    """Shade every other of `count` rows, which are one unit high, so that the eye can follow them."""
+    for row in range(1, count, 2):
+        axes.axhspan(row - 0.5, row + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
+
+
+def panel_pairs(figure: Figure, count: int, most: int, heights: tuple[float, float]) -> Iterator[PanelPair]:
+    """Give an upper and a lower panel over common time for each of `count` joints, at most `most` pairs in a row.
+
+    The layout of a pair is finished when the next one is asked for: content may be drawn until then.
+    """
+    rows, columns = per_row(count, most)
+    # One grid for all panels aligns their time axes.
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=heights * rows)
+    for joint in range(count):
+        row, column = divmod(joint, columns)
+        upper = figure.add_subplot(grid[2 * row, column])
+        lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
+        upper.set_title(f"joint {joint + 1}")
+        upper.tick_params(labelbottom=False)
+        lower.tick_params(labelbottom=joint >= count - columns)
+        yield joint, upper, lower
+        lower.margins(x=0.01)
+        lower.set_xlim(left=0.0)
+        if joint >= count - columns:
+            lower.set_xlabel("time (s)")
+    figure.align_ylabels()
 
 
 @styled

@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from .block import Block, by_window
 from .linear_system import LinearSystem
 from .settings import BLOCKS
@@ -285,5 +285,5 @@ def deletion_covariance(deletions: Array) -> Array:
 def rescaled(covariance: Array, variances: Array) -> Array:
     """Return a covariance with the correlations of one, (b, b), and the variances of another, (b,)."""
     known = np.diag(covariance)
-    size = np.sqrt(np.divide(variances, known, out=np.zeros_like(known), where=known > 0.0))
+    size = np.sqrt(quotient(variances, known))
     return np.asarray(covariance * np.outer(size, size))

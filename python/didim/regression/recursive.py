@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import didim._core as _core
 
-from .._tools.arrays import Array, real_array
+from .._tools.arrays import Array, quotient, real_array
 from .._tools.settings import whole
 from ..errors import FitError, RankError, ShapeError
 from ..robot.robot import Robot
@@ -250,9 +250,7 @@ class Recursive:
             covariance=self._selection.expand_covariance(variance * (inverse @ inverse.T)),
             parameters=self.robot.base_parameters.lift(beta),
             joint_std=residuals / np.sqrt(n),
-            relative_error=np.divide(
-                residuals, torques, out=np.full_like(torques, np.nan), where=torques > 0.0
-            ),
+            relative_error=quotient(residuals, torques, np.nan),
             n_rows=n,
         )
 

@@ -197,9 +197,10 @@ def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
     return [list(row) for row in zip(*cells, strict=True)]
 
 
-def _origin(fit: Identification) -> str:
-    """Return the origin of sigma, as the continuation of "estimate"."""
-    return "" if fit.uncertainty is None else f" {fit.uncertainty.origin}"
+def _marked(rows: Sequence[Sequence[str]]) -> list[list[Text]]:
+    """Return rows of parameters, aligned, with the mark of weak ones as a word."""
+    aligned_cells = aligned_rows([row[:-1] for row in rows], 2)
+    return [[*cells, row[-1].replace("*", "weak")] for cells, row in zip(aligned_cells, rows, strict=True)]
 
 
 def parameter_section(
@@ -208,10 +209,8 @@ def parameter_section(
     """Show the parameters, their intervals and their groupings."""
     head, *rows = fit.parameter_rows()
     last = len(head) - 1
-    shown = aligned_rows([row[:last] for row in rows], 2)
-    full: list[list[Text]] = [
-        [*cells, row[last].replace("*", "weak")] for cells, row in zip(shown, rows, strict=True)
-    ]
+    full = _marked(rows)
+    origin = "" if fit.uncertainty is None else f" {fit.uncertainty.origin}"
     classes = {
         (number, column): "uncertain"
         for number, row in enumerate(rows)
@@ -225,7 +224,7 @@ def parameter_section(
             table(
                 list(head),
                 full[start : start + half],
-                numbers=tuple(range(2, last)),
+                numbers=range(2, last),
                 classes={(row - start, column): name for (row, column), name in classes.items()},
             )
             for start in range(0, len(full), half)
@@ -234,7 +233,7 @@ def parameter_section(
     content = [
         paragraph(
             "Base parameters: the combinations that the log identifies, in SI units on the joint side. Sigma is the standard "
-            f"deviation of the estimate{_origin(fit)}; the 95 % interval is the estimate ± {fit.interval_factor():.3g} sigma. "
+            f"deviation of the estimate{origin}; the 95 % interval is the estimate ± {fit.interval_factor():.3g} sigma. "
             "The column / white compares sigma with that of (10), for independent errors: the larger, the more the errors of the "
             f"model count. Weak: not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %."
         )
@@ -270,15 +269,12 @@ def further_section(fit: Identification) -> Html:
         return Html("")
     content = []
     for (title, *notes), (head, *rows) in fit.further.tables(fit.interval_factor()):
-        last = len(head) - 1
-        shown = aligned_rows([row[:last] for row in rows], 2)
-        marked = [[*cells, row[last].replace("*", "weak")] for cells, row in zip(shown, rows, strict=True)]
         content += [
             paragraph(
                 ". ".join([title[0].upper() + title[1:], *(note[0].upper() + note[1:] for note in notes)])
                 + "."
             ),
-            table(list(head), marked, numbers=tuple(range(2, last))),
+            table(list(head), _marked(rows), numbers=range(2, len(head) - 1)),
         ]
     return section("Parameters of single logs", *content)
 

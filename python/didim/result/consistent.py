@@ -13,6 +13,8 @@ from typing import Any, Self
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.saved import rows
+from .._tools.words import columned
 from ..errors import FitError
 from ..regression.consistent.bounds import Bounds
 from ..regression.consistent.nearest import NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
@@ -100,61 +102,33 @@ def _simulable(uses: Sequence[Use]) -> tuple[Use, ...]:
 
 def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
     """Return the record for a result's JSON."""
-    columns = zip(
-        robot.parameter_names,
-        robot.parameter_units,
-        nearest.x,
-        nearest.std,
-        nearest.low,
-        nearest.high,
-        nearest.identified,
-        strict=True,
-    )
     return {
         "gamma": gamma,
         "prior": nearest.prior,
         "half_distance": nearest.half_distance,
         "draws": len(nearest.draws),
-        "parameters": [
-            {
-                "name": name,
-                "unit": unit,
-                "value": float(value),
-                "std": float(std),
-                "low": float(low),
-                "high": float(high),
-                "source": "identified" if identified else "prior",
-            }
-            for name, unit, value, std, low, high, identified in columns
-        ],
+        "parameters": rows(
+            name=robot.parameter_names,
+            unit=robot.parameter_units,
+            value=nearest.x,
+            std=nearest.std,
+            low=nearest.low,
+            high=nearest.high,
+            source=["identified" if identified else "prior" for identified in nearest.identified],
+        ),
     }
 
 
 def table_of(record: Mapping[str, Any]) -> list[str]:
     """Return the lines of the table of standard parameters, intervals and sources."""
-    rows: list[Sequence[str]] = [("standard", "unit", "value", "95 % interval", "", "")]
-    for item in record["parameters"]:
-        source = "identified" if item["source"] == "identified" else "from the prior"
-        rows.append(
-            (
-                item["name"],
-                item["unit"],
-                f"{item['value']:.4g}",
-                f"{item['low']:.4g}",
-                f"{item['high']:.4g}",
-                source,
-            )
-        )
-    widths = [max(len(row[k]) for row in rows) for k in range(6)]
-    widths[3] = max(len(row[3]) for row in rows[1:])
-
-    def line(row: Sequence[str]) -> str:
-        left = f"{row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]:>{widths[2]}}  "
-        if row is rows[0]:
-            return (left + row[3]).rstrip()
-        return f"{left}{row[3]:>{widths[3]}}  {row[4]:>{widths[4]}}  {row[5]}"
-
-    return [line(row) for row in rows]
+    items = record["parameters"]
+    cells = [("standard", "unit", "value", "95 % low", "95 % high")]
+    cells += [
+        (item["name"], item["unit"], *(f"{item[key]:.4g}" for key in ("value", "low", "high")))
+        for item in items
+    ]
+    sources = ["", *("identified" if item["source"] == "identified" else "from the prior" for item in items)]
+    return [f"{line}  {source}".rstrip() for line, source in zip(columned(cells, 2), sources, strict=True)]
 
 
 def base_covariance(covariance: Array, estimated: Sequence[int], draws: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from .._tools.notebook import Printed
 from .._tools.saved import plain, rows
 from .._tools.words import counted
@@ -68,9 +68,7 @@ class Contrast(Printed):
     @property
     def ratios(self) -> Array:
         """Difference in its own standard deviations, shape (b,)."""
-        return np.asarray(
-            np.divide(self.difference, self.std, out=np.zeros_like(self.difference), where=self.std > 0.0)
-        )
+        return quotient(self.difference, self.std)
 
     @property
     def rms(self) -> float:
@@ -80,12 +78,8 @@ class Contrast(Printed):
     @property
     def rms_in_sigma(self) -> float:
         """Root mean square of the difference in standard deviations of the first estimate."""
-        known = self.std_first > 0.0
-        return (
-            float(np.sqrt(np.mean((self.difference[known] / self.std_first[known]) ** 2)))
-            if known.any()
-            else 0.0
-        )
+        known = self.in_sigma[self.std_first > 0.0]
+        return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
     @property
     def bound(self) -> float:
@@ -101,20 +95,13 @@ class Contrast(Printed):
     @property
     def in_sigma(self) -> Array:
         """Difference in standard deviations of the first estimate, shape (b,); NaN if it has none."""
-        return np.asarray(
-            np.divide(
-                self.difference,
-                self.std_first,
-                out=np.full_like(self.difference, np.nan),
-                where=self.std_first > 0.0,
-            )
-        )
+        return quotient(self.difference, self.std_first, np.nan)
 
     @property
     def large(self) -> tuple[str, ...]:
         """Parameters of `beyond` that differ by more than one standard deviation of the first estimate."""
-        index = {name: k for k, name in enumerate(self.names)}
-        return tuple(name for name in self.beyond if not abs(self.in_sigma[index[name]]) <= 1.0)
+        small = {name for name, sigma in zip(self.names, self.in_sigma, strict=True) if abs(sigma) <= 1.0}
+        return tuple(name for name in self.beyond if name not in small)
 
     @property
     def agree(self) -> bool:
@@ -128,10 +115,9 @@ class Contrast(Printed):
         )
         if self.agree:
             return f"{head}: no difference beyond chance."
-        index = {name: k for k, name in enumerate(self.names)}
+        sizes = dict(zip(self.names, np.abs([self.ratios, self.in_sigma]).T, strict=True))
         shown = [
-            f"{name} ({abs(self.ratios[index[name]]):.1f}, {abs(self.in_sigma[index[name]]):.2g} sigma)"
-            for name in self.beyond[:MOST_NAMED]
+            f"{name} ({sizes[name][0]:.1f}, {sizes[name][1]:.2g} sigma)" for name in self.beyond[:MOST_NAMED]
         ]
         more = len(self.beyond) - len(shown)
         return f"{head}: beyond it {', '.join(shown)}{f' and {more} more' if more else ''}."
@@ -202,22 +188,18 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
         raise FitError(
             f"the results of {first.method} and {second.method} are not from the same log: their files or blocks of time differ"
         )
-    kept = [
-        k
-        for k, roles in enumerate(zip(first.roles, second.roles, strict=True))
-        if roles == ("estimated", "estimated")
-    ]
-    deletions = two.deletions[:, kept] - one.deletions[:, kept]
+    both = [k for k in range(len(first.names)) if first.roles[k] == second.roles[k] == "estimated"]
+    deletions = two.deletions[:, both] - one.deletions[:, both]
     centred = deletions - deletions.mean(axis=0)
     m = len(deletions)
     return Contrast(
         first=first.method,
         second=second.method,
-        names=tuple(first.names[k] for k in kept),
-        units=tuple(first.units[k] for k in kept),
-        difference=second.beta[kept] - first.beta[kept],
+        names=tuple(first.names[k] for k in both),
+        units=tuple(first.units[k] for k in both),
+        difference=second.beta[both] - first.beta[both],
         std=np.sqrt((m - 1) / m * np.sum(centred**2, axis=0)),
-        std_first=_of_noise(first)[kept],
+        std_first=_of_noise(first)[both],
         degrees_of_freedom=m - 1.0,
         level=level,
     )

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from .._tools.arrays import Array, relative_percent
-from .._tools.pickling import Pickled
+from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import plain, restored, rows
 from ..regression.logs.parameters import ColumnBlock
 from ..robot.payload import Payload
@@ -56,12 +55,7 @@ class Further(Pickled):
     reference: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for key in ("values", "covariance", "std_white"):
-            values = np.array(getattr(self, key), dtype=np.float64)
-            values.flags.writeable = False
-            object.__setattr__(self, key, values)
-        for key in ("payloads", "reference"):
-            object.__setattr__(self, key, MappingProxyType(dict(getattr(self, key))))
+        make_read_only(self, ("values", "covariance", "std_white"), ("payloads", "reference"))
 
     @property
     def names(self) -> tuple[str, ...]:

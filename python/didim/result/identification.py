@@ -12,8 +12,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from .._tools.arrays import Array, relative_percent
-from .._tools.pickling import Pickled
+from .._tools.arrays import Array, quotient, relative_percent
+from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, rows, save_json
 from .._tools.words import counted
 from ..errors import FitError
@@ -153,12 +153,10 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             "parameters": (len(self.parameter_names),),
             "relative_error": (len(self.relative_error),),
         }
+        make_read_only(self, shapes)
         for key, shape in shapes.items():
-            values = np.array(getattr(self, key), dtype=np.float64)
-            if values.shape != shape:
-                raise FitError(f"{key} must have shape {shape}, got {values.shape}")
-            values.flags.writeable = False
-            object.__setattr__(self, key, values)
+            if (got := getattr(self, key).shape) != shape:
+                raise FitError(f"{key} must have shape {shape}, got {got}")
         for key in ("delay", "settings", "digests"):
             object.__setattr__(self, key, MappingProxyType(copy.deepcopy(dict(getattr(self, key)))))
 
@@ -180,8 +178,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     @property
     def std_ratio(self) -> Array:
         """Ratio of the standard deviations to those of (10), shape (b,): the effect of correlated model errors; or NaN."""
-        white = self.std_white
-        return np.divide(self.std, white, out=np.full_like(white, np.nan), where=white > 0.0)
+        return quotient(self.std, self.std_white, np.nan)
 
     def confidence_interval(self, level: float = 0.95) -> tuple[Array, Array]:
         """Return both ends of the confidence intervals of beta.

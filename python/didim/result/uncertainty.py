@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
-from .._tools.arrays import Array
-from .._tools.pickling import Pickled
+from .._tools.arrays import Array, quotient
+from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import UNBOUNDED, plain, restored
 from .._tools.words import joints_text, series
 from ..errors import FitError
@@ -103,11 +102,7 @@ class Uncertainty(Pickled):
     exchanges: tuple[Exchange, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in ("std_white", "joint_std", "deletions", "rounding"):
-            values = np.array(getattr(self, key), dtype=np.float64)
-            values.flags.writeable = False
-            object.__setattr__(self, key, values)
-        object.__setattr__(self, "single_block", MappingProxyType(dict(self.single_block)))
+        make_read_only(self, ("std_white", "joint_std", "deletions", "rounding"), ("single_block",))
 
     def factor(self, level: float) -> float:
         """Half the width of an interval in standard deviations: Student's quantile.
@@ -148,9 +143,7 @@ class Uncertainty(Pickled):
 
     def _rounding_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.rounding)]
-        moved = np.divide(
-            np.abs(self.rounding[: len(noise)]), noise, out=np.zeros_like(noise), where=noise > 0.0
-        )
+        moved = quotient(np.abs(self.rounding[: len(noise)]), noise)
         if moved.max(initial=0.0) < CLEAR_ROUNDING:
             return []
         included = "sigma includes this" if self.kind == "jackknife" else "sigma does not include this"

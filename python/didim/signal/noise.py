@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import SignalError
 from .decimation import DECIMATION_BAND, DECIMATION_RIPPLE_DB
 from .processing import SignalProcessing
@@ -87,7 +87,7 @@ def stamp_noise(q: Array, rate_hz: float) -> float:
     squares = np.diff(q, 5, axis=0) ** 2 / 252.0
     speeds = (0.2 * rate_hz * (q[5:] - q[:-5])) ** 2
     size = squares.mean(axis=0)
-    weight = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    weight = quotient(np.ones_like(size), size)
     rest = (speeds - speeds.mean(axis=0)) * weight
     scale = float(np.sum(rest**2))
     share = float(np.sum(rest * squares * weight)) / scale if scale > 0.0 else 0.0

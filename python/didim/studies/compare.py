@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..methods.cloe.settings import Variant
@@ -221,5 +221,5 @@ def torque_errors(log: Experiment, parameters: Mapping[str, Array]) -> dict[str,
     arrays, _ = closed_loop(log, recording).run(np.stack(list(parameters.values())))
     sizes = np.linalg.norm(recording.tau, axis=0)
     errors = np.linalg.norm(arrays[3] - recording.tau, axis=1)
-    shares = np.divide(errors, sizes, out=np.full_like(errors, np.nan), where=sizes > 0.0)
+    shares = quotient(errors, sizes, np.nan)
     return dict(zip(parameters, shares, strict=True))

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop
@@ -123,8 +123,7 @@ def explained(predictions: Sequence[Prediction]) -> Array:
     column = np.sqrt(np.tensordot(rows, squares, axes=1) / rows.sum())
     measured = np.concatenate([item.measured for item in predictions])
     torque = np.sqrt(np.mean(measured**2, axis=0))[:, None]
-    share = np.divide(column, torque, out=np.zeros_like(column), where=torque > 0.0)
-    return np.asarray(share.max(axis=0))
+    return np.asarray(quotient(column, torque).max(axis=0))
 
 
 def predict(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
 from .._tools.words import columned, did_you_mean
@@ -193,7 +193,7 @@ def recording_errors(
         simulated = of_name[name]
         size = np.linalg.norm(values[kept], axis=0)
         error = np.linalg.norm(simulated[kept] - values[kept], axis=0)
-        found[name] = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)
+        found[name] = quotient(error, size, np.nan)
     return found
 
 

@@ -117,8 +117,7 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
 
 def _refused_output(options: argparse.Namespace) -> int | None:
     """Check before the work whether the robot file can be written; return None, or the exit code of wrong input."""
-    if options.output is not None:
-        if options.output.suffix != ".toml":
-            return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
+    if options.output is not None and options.output.suffix != ".toml":
+        return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
     check_outputs(options.output)
     return refuse_existing(options.output, force=options.force)

@@ -18,7 +18,7 @@ import numpy as np
 
 import didim._core as _core
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ...errors import FitError, RankError
 from ..covariance import decimated, white
 from ..fit import Fit, Progress
@@ -110,7 +110,7 @@ def instrument_strength(a: Array, left: Array) -> Array:
     """
     size = np.linalg.norm(a, axis=0)
     rest = _rest_norms(a, left, left.T @ a)
-    return np.asarray(np.divide(rest, size, out=np.zeros_like(size), where=size > 0.0))
+    return quotient(rest, size)
 
 
 def _rows_at_once(count: int) -> Iterator[slice]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, true_ranges
 from ...robot.rigid_body import INERTIAL
 
 APART_S = 0.15
@@ -119,11 +119,8 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
     """
     step = float(np.median(np.diff(t)))
     over = np.abs(torque) > limits
-    active = over.any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
-    spans = [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
     merged: list[tuple[int, int]] = []
-    for start, stop in spans:
+    for start, stop in true_ranges(np.asarray(over.any(axis=1))):
         if merged and t[start] - t[merged[-1][1] - 1] < APART_S:
             merged[-1] = (merged[-1][0], stop)
         else:
