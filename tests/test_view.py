@@ -189,7 +189,15 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def options(what: str, **more: object) -> argparse.Namespace:
     return argparse.Namespace(
-        **{"what": what, "data": None, "parameters": None, "motion": None, "meshes": [], **more}
+        **{
+            "what": what,
+            "data": None,
+            "robot": None,
+            "parameters": None,
+            "motion": None,
+            "meshes": [],
+            **more,
+        }
     )
 
 
@@ -211,6 +219,23 @@ def test_a_log_is_played_beside_its_simulation(log: Path) -> None:
     assert alone.residual is None
     assert {shape.layer for shape in drawn} == {"skeleton", "joint axes"}
     assert robot.name == "planar2"
+
+
+def test_a_result_and_a_motion_are_shown_by_themselves(log: Path) -> None:
+    result = log.with_name("fit.json")
+    didim.identify(log, didim.IDIMLS()).save(result)
+    robot, drawn, motions, _ = contents(options(str(result)))
+    assert (robot.name, motions) == ("planar2", [])
+    _, beside, _, _ = contents(options(str(log), parameters=str(result)))
+    estimates = [[shape for shape in shown if shape.layer == "estimate"] for shown in (drawn, beside)]
+    assert [shape.size for shape in estimates[0]] == [shape.size for shape in estimates[1]] != []
+    motion = str(log.with_name("log.csv"))
+    robot, _, (played,), _ = contents(options(motion, robot="planar2"))
+    assert (robot.name, played.label) == ("planar2", "log.csv")
+    with pytest.raises(DidimError, match="which robot moves like this"):
+        contents(options(motion))
+    with pytest.raises(DidimError, match="'tx40' says itself which robot"):
+        contents(options("tx40", robot="planar2"))
 
 
 def free_port() -> int:

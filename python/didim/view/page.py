@@ -199,6 +199,8 @@ class Page:
 
     def _controls(self) -> None:
         gui = self._server.gui
+        dark = gui.add_checkbox("dark page", initial_value=False)
+        dark.on_update(lambda _: gui.configure_theme(dark_mode=dark.value))
         if self.duration > 0.0:
             self._playing = gui.add_checkbox("play", initial_value=False)
             self._slider = gui.add_slider("time, s", 0.0, self.duration, min(0.01, self.duration), 0.0)

@@ -28,13 +28,17 @@ def add(commands: Commands) -> None:
         (
             "didim view arm.urdf --meshes ~/robots",
             "didim view log.toml --parameters fit.json",
-            "didim view ur5e --motion motion.csv",
+            "didim view fit.json",
+            "didim view motion.csv --robot ur5e",
         ),
     )
     parser.add_argument(
         "what",
-        metavar="ROBOT|EXPERIMENT.toml",
-        help="name of a packaged robot, robot file, URDF or MJCF, or an experiment, whose log is played",
+        metavar="ROBOT|EXPERIMENT.toml|FIT.json|MOTION.csv",
+        help="a packaged robot, robot file, URDF or MJCF; an experiment, whose log is played; a result; a motion",
+    )
+    parser.add_argument(
+        "--robot", metavar="ROBOT", help="robot of a motion, or of a result whose robot file is elsewhere"
     )
     add_data(parser)
     parser.add_argument(
@@ -74,12 +78,17 @@ def run(options: argparse.Namespace) -> int:
 
 def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Playback], list[str]]:
     """Return the robot, its shapes and motions, and sentences on missing items."""
-    from ...robot.robot_file import load_robot
+    from ...errors import RobotError
     from ...view import playback, shapes
     from ...view.visuals import visuals
 
+    kind = Path(options.what).suffix.lower()
+    if options.robot is not None and kind not in (".json", ".csv"):
+        raise RobotError(f"--robot {options.robot}: '{options.what}' says itself which robot to show")
     experiment = _experiment(options)
-    robot = load_robot(options.what) if experiment is None else experiment.robot
+    robot = _robot_of(options) if experiment is None else experiment.robot
+    parameters = options.what if kind == ".json" else options.parameters
+    motion = Path(options.what) if kind == ".csv" else options.motion
     drawn = [*shapes.skeleton(robot), *shapes.capsules(robot.collision)]
     notes: list[str] = []
     urdf = _urdf_of(robot)
@@ -92,18 +101,35 @@ def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Play
     if "urdf" in robot.sets:
         bodies, _ = shapes.bodies(robot, robot.parameter_set("urdf"), "prior", shapes.PRIOR)
         drawn += bodies
-    if options.parameters is not None:
-        x, sentences = _bodies_of(options.parameters, robot)
+    if parameters is not None:
+        x, sentences = _bodies_of(parameters, robot)
         bodies, refused = shapes.bodies(robot, x, "estimate", shapes.ESTIMATE)
         drawn += bodies
         notes += [*sentences, *refused]
     motions: list[Playback] = []
-    if options.motion is not None:
-        motions.append(playback.of_file(options.motion, robot))
+    if motion is not None:
+        motions.append(playback.of_file(motion, robot))
     elif experiment is not None:
-        motions, more = playback.of_log(experiment, options.parameters)
+        motions, more = playback.of_log(experiment, parameters)
         notes += more
     return robot, drawn, motions, notes
+
+
+def _robot_of(options: argparse.Namespace) -> Robot:
+    """Return the robot that is named, that of a result, or the one given for a motion."""
+    from ...errors import RobotError
+    from ...export.source import exported_parameters
+    from ...robot.robot_file import load_robot
+
+    kind = Path(options.what).suffix.lower()
+    if kind == ".json":
+        fit = Path(options.what)
+        return exported_parameters(fit=fit, parameters=None, robot=options.robot, urdf=None).robot
+    if kind == ".csv":
+        if options.robot is None:
+            raise RobotError(f"{options.what}: which robot moves like this? Say --robot ROBOT")
+        return load_robot(options.robot)
+    return load_robot(options.what)
 
 
 def _bodies_of(source: str, robot: Robot) -> tuple[Array, list[str]]:
