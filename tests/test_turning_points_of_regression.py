@@ -275,6 +275,7 @@ def refined(column: Array, torques: Array) -> tuple[Array, Array]:
     system = LinearSystem(w=np.ones((60, 1)), y=np.ones(60), names=("a",), blocks=blocks)
     search = stub(
         system=system, w=system.w, weights=np.ones(60), solution=np.ones(1), margin=5,
+        basis=system.w / np.sqrt(60.0), triangle=np.ones((1, 1)), size=np.array([np.sqrt(60.0)]),
         _derivative=lambda solution, torque: column[:, None], _torques=lambda shift: torques,
     )  # fmt: skip
     return _Search.refine(search, 0.0, cast(Any, None))

@@ -172,7 +172,7 @@ def test_delays_are_estimated_with_cut_offs_up_to_four_tenths_of_the_rate(
 ) -> None:
     found: list[float | None] = []
 
-    def estimated(job: Job) -> tuple[None, float]:
+    def estimated(job: Job, moved: object) -> tuple[None, float]:
         found.append(job.signal.cutoff_hz)
         return None, 1.0
 

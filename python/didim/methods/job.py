@@ -14,7 +14,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
 from ..log.recording import Recording
 from ..model.dynamics import inverse_dynamics
-from ..regression.delay import DelayEstimate, Observed, estimate_delay
+from ..regression.delay import DelayEstimate, Moved, Observed, estimate_delay
 from ..regression.fit import Fit, Progress
 from ..regression.friction.velocity import settled, with_slopes
 from ..regression.least_squares import solve
@@ -177,12 +177,13 @@ class Job:
         rate = min(item.rate_hz for item in self.experiment.recordings)
         found: list[tuple[float, DelayEstimate]] = []
         failure: FitError | SignalError | None = None
+        moved: Moved = {}  # the torques are not filtered, so their rows do not depend on the cut-off
         for factor in CUTOFFS if cutoff is not None else (1.0,):
             if cutoff is not None and factor > 1.0 and factor * cutoff > LARGEST_CUTOFF * rate:
                 continue
             signal = replace(self.signal, cutoff_hz=None if cutoff is None else factor * cutoff)
             try:
-                estimate, misfit = replace(self, signal=signal)._estimated_delay()
+                estimate, misfit = replace(self, signal=signal)._estimated_delay(moved)
             except (FitError, SignalError) as error:
                 failure = failure or error
                 continue
@@ -192,12 +193,14 @@ class Job:
             raise failure
         return min(found, key=lambda item: item[0])[1]
 
-    def _estimated_delay(self) -> tuple[DelayEstimate, float]:
+    def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
         parameters = self.parameters
+        # The delays have standard deviations of their own.
+        plain = replace(self.settings, uncertainty="white")
 
         def observe(parts: Sequence[Segment]) -> Observed:
             system = self.system(parts)
-            fit = solve(system, self.settings)
+            fit = solve(system, plain)
             return Observed(system, fit.weights, fit.solution)
 
         def torque(part: Segment, solution: Array) -> Array:
@@ -210,6 +213,7 @@ class Job:
             self.signal,
             observe,
             torque,
+            moved,
             hold_s=declared.hold_s,
             declared=declared.samples,
         )

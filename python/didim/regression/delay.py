@@ -27,7 +27,7 @@ from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from .jackknife import Factors, intervals
-from .linear_system import LinearSystem
+from .linear_system import LinearSystem, unit_columns
 
 SIGNIFICANT = 3.0
 """Difference of a delay from zero, or of a joint's delay from the others, in standard deviations, from which it is
@@ -40,6 +40,8 @@ MOST_STEPS = 10
 """Upper bound of the number of linearisations; two or three suffice."""
 SETTLED_SAMPLES = 0.005
 """Step, in samples, below which the delays have converged."""
+MOST_BYTES = 64_000_000
+"""Upper bound of the memory of decimated torques that are kept for other cut-offs (bytes)."""
 NO_MOTION = 1e-9
 """Share of a joint's torque below which its derivative does not identify a delay."""
 
@@ -106,6 +108,7 @@ def estimate_delay(
     signal: SignalProcessing,
     observe: Callable[[Sequence[Segment]], Observed],
     torque: Callable[[Segment, Array], Array],
+    moved: Moved | None = None,
     *,
     hold_s: float = 0.0,
     declared: Shift = 0.0,
@@ -123,6 +126,8 @@ def estimate_delay(
         Function that returns the weighted system of segments.
     torque : callable
         Function that returns the model torques of a segment for a solution, (n_samples, n_dof).
+    moved : dict, optional
+        Decimated torques by their shift, to be shared by searches in the same torques along differently filtered motion.
     hold_s : float
         Sample time of a digital controller, whose hold does not count as delay; zero for none.
     declared : float or sequence of float
@@ -158,7 +163,7 @@ def estimate_delay(
             f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} samples"
         )
     hold = hold_samples(hold_s, rate)
-    search = _Search(parts, signal, reach + REACH_MARGIN, observe)
+    search = _Search(parts, signal, reach + REACH_MARGIN, observe, {} if moved is None else moved)
     whole = search.best(reach + 1)
     if abs(whole) > reach:
         raise FitError(
@@ -182,6 +187,10 @@ def estimate_delay(
     return estimate, search.misfit
 
 
+Moved = dict[bytes, Array]
+"""Decimated torques of a log by the shift of each joint, rows joint by joint."""
+
+
 class _Search:
     """The systems of one log with its torques moved."""
 
@@ -191,15 +200,17 @@ class _Search:
         signal: SignalProcessing,
         margin: int,
         observe: Callable[[Sequence[Segment]], Observed],
+        moved: Moved,
     ) -> None:
-        self.parts, self.signal, self.margin = parts, signal, margin
+        self.parts, self.signal, self.margin, self.moved = parts, signal, margin, moved
         self.inner = [_inner(part, margin) for part in parts]
         found = observe(self.inner)
         self.system, self.weights, self.solution = found.system, found.weights, found.solution
         self.known = 0.0 if self.system.known is None else self.system.known
         self.w = self.system.w * self.weights[:, None]
-        # Projection on the columns: one factorisation for all shifts.
-        self.basis = np.linalg.qr(self.w)[0]
+        # One factorisation for all shifts, and for the columns of the delays beside these.
+        unit, self.size = unit_columns(self.w)
+        self.basis, self.triangle = np.linalg.qr(unit)
         self.norms: dict[int, float] = {}
         self.misfit = float("inf")
 
@@ -229,13 +240,23 @@ class _Search:
         """Return the weighted Y of the inner segments, with each joint's torque moved back by its shift, rows joint by joint."""
         # Larger delays are clipped, because there are no torques beyond the margin.
         shift = np.clip(shift, 2.0 - self.margin, self.margin - 2.0)
+        key = shift.tobytes()
+        if key not in self.moved:
+            rows = self._moved(shift)
+            if (len(self.moved) + 1) * rows.nbytes > MOST_BYTES:
+                self.moved.clear()
+            self.moved[key] = rows
+        return np.asarray(self.weights * (self.moved[key] - self.known))
+
+    def _moved(self, shift: Array) -> Array:
+        """Return the decimated torques of the inner segments, moved back, rows joint by joint."""
         found = []
         for part in self.parts:
             n = part.q.shape[0]
             (index,), moved = align([np.arange(n, dtype=np.float64)], part.tau, tuple(shift.tolist()))
             first = self.margin - int(index[0])
             found.append(row_values(moved[first : first + n - 2 * self.margin], self.signal).T)
-        return np.asarray(self.weights * (np.concatenate(found, axis=1).reshape(-1) - self.known))
+        return np.concatenate(found, axis=1).reshape(-1)
 
     def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
         """Return the weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
@@ -257,16 +278,15 @@ class _Search:
             columns = self._derivative(solution, torque)
             lost |= np.linalg.norm(columns, axis=0) <= NO_MOTION * sizes
             moving = np.flatnonzero(~lost)
-            a = np.hstack([self.w, columns[:, moving]])
-            scale = np.linalg.norm(a, axis=0)
-            scale[scale == 0.0] = 1.0
-            q, r = np.linalg.qr(a / scale)
-            if len(a) <= a.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
+            unit, size = unit_columns(columns[:, moving])
+            q, r = extended(self.basis, self.triangle, unit)
+            if len(q) <= q.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
                 return shift, covariance  # the log does not identify delays together with the parameters
             y = self._torques(shift)
-            inverse = np.linalg.inv(r) / scale[:, None]
-            x = inverse @ (q.T @ y)
-            residual = y - a @ x
+            inverse = np.linalg.inv(r) / np.concatenate([self.size, size])[:, None]
+            seen = q.T @ y
+            x = inverse @ seen
+            residual = y - q @ seen
             solution = x[:b]
             step = np.clip(x[b:], -1.0, 1.0)
             shift[moving] += step
@@ -291,6 +311,18 @@ class _Search:
         for joint in np.flatnonzero(lost):
             covariance[joint, joint] = np.inf
         return shift, covariance
+
+
+def extended(q: Array, r: Array, columns: Array) -> tuple[Array, Array]:
+    """Return ``Q R`` of a matrix, of which it is known, with further columns, (rows, k)."""
+    seen = q.T @ columns
+    free = columns - q @ seen
+    again = q.T @ free  # twice, so that columns of rounding are orthogonal too
+    more, corner = np.linalg.qr(free - q @ again)
+    b, k = len(r), columns.shape[1]
+    whole = np.zeros((b + k, b + k))
+    whole[:b, :b], whole[:b, b:], whole[b:, b:] = r, seen + again, corner
+    return np.hstack([q, more]), whole
 
 
 def _shared(own: Array, covariance: Array) -> tuple[tuple[float, float], tuple[float, ...]]:

@@ -134,9 +134,11 @@ def align(motion: Sequence[Array], tau: Array, delay_samples: Shift) -> tuple[tu
             f"{max(delays, key=abs):g} samples"
         )
     moved = np.zeros((last - first, *tau.shape[1:]))
-    for joint, (whole, offsets, weights) in enumerate(moves):
+    common = len(set(delays)) == 1
+    for joint, (whole, offsets, weights) in enumerate(moves[:1] if common else moves):
+        columns = slice(None) if common else joint
         for offset, weight in zip(offsets, weights, strict=True):
-            moved[:, joint] += weight * tau[first + whole + offset : last + whole + offset, joint]
+            moved[:, columns] += weight * tau[first + whole + offset : last + whole + offset, columns]
     return tuple(values[first:last] for values in motion), moved
 
 
