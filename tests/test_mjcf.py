@@ -187,22 +187,40 @@ def test_the_spring_of_a_coupled_joint_acts_on_its_leader(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("attributes", "said"),
+    ("attributes", "default"),
     [
-        ('solreffriction="0.02 1"', ""),
-        ('solimpfriction="0.9 0.95"', ""),
-        ('solreffriction="0.005 1"', "solreffriction of j2"),
-        ('solimpfriction="0.99 0.999 0.001"', "solimpfriction of j2"),
+        ("", ""),
+        ('solreffriction="0.005 1"', ""),
+        ('solreffriction="0.005"', 'solimpfriction="0.8"'),
+        ("", 'solreffriction="0.03 1" solimpfriction="0.99 0.999 0.001"'),
+        ('solreffriction="-100 -40"', 'solimpfriction="0.5 0.7"'),
+        ('solreffriction="0.01 -40"', ""),
+        ('solimpfriction="0 1.5"', ""),
     ],
 )
-def test_another_softness_of_friction_is_reported(tmp_path: Path, attributes: str, said: str) -> None:
+def test_the_softness_of_friction_is_that_of_mujoco(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, attributes: str, default: str
+) -> None:
+    """Slopes and rates of the constraints that MuJoCo assembles, with the classes of the file."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings in the current folder
+    text = f"""<mujoco><compiler angle="radian"/>
+    <default><joint frictionloss="0.3" armature="0.01"/><default class="soft"><joint {default}/></default></default>
+    <worldbody><body><inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/>
+    <joint name="a" axis="0 1 0" class="soft" {attributes}/>
+    <body pos="0 0 0.3"><inertial pos="0.05 0 0.1" mass="0.5" diaginertia="0.002 0.002 0.002"/>
+    <joint name="b" axis="0 1 0"/></body></body></worldbody></mujoco>"""
     path = tmp_path / "soft.xml"
-    text = SPRUNG.format(angle="degree", angles=(20, 30), tied="")
-    path.write_text(text.replace('name="j2"', f'name="j2" {attributes}'))
-    notes = [note for note in didim.load_robot(path).notes if "friction losses" in note]
-    assert notes == (
-        [f"friction losses are as soft as by MuJoCo's defaults; not read: {said}"] if said else []
-    )
+    path.write_text(text)
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.timestep = 1e-4
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    robot = didim.load_robot(path)
+    m = didim.inertia_matrix(robot, np.zeros((1, 2)), robot.parameter_set("mjcf"))[0]
+    creep, rest = np.transpose(robot.softness)
+    assert not any("friction" in note for note in robot.notes)
+    np.testing.assert_allclose(1.0 / rest, data.efc_KBIP[:2, 1], rtol=1e-9)
+    np.testing.assert_allclose(rest / (creep * np.diag(np.linalg.inv(m))), 1.0 / data.efc_R[:2], rtol=1e-6)
 
 
 def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reported(tmp_path: Path) -> None:

@@ -15,9 +15,12 @@ from ..robot.robot import Robot
 Shared = Literal["joint", "limb", "robot", "log"]
 """Joints that share one unknown: none (each has its own), those of a limb, all, or all within one recording."""
 
-DRIVE = ("kp", "kv", "saturation", "delay_s", "lag_s", "bias_rad")
+SOFT = ("creep_s", "rest_s")
+"""Unknowns of MuJoCo's friction loss (s): a joint that sticks under a torque tau creeps with ``creep_s tau (M^-1)_jj``, which it
+approaches with the time constant ``rest_s``."""
+DRIVE = ("kp", "kv", "saturation", "delay_s", "lag_s", "bias_rad", *SOFT)
 """Unknowns of position servos ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, with the reference behind a first-order
-lag."""
+lag, and of their friction."""
 
 UNITS = {
     "kp": "N.m/rad",
@@ -26,6 +29,8 @@ UNITS = {
     "delay_s": "s",
     "lag_s": "s",
     "bias_rad": "rad",
+    "creep_s": "s",
+    "rest_s": "s",
 }
 """Units of the unknowns of revolute joints."""
 
@@ -36,8 +41,11 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "delay_s": (0.0, 0.1),
     "lag_s": (0.0, 0.1),
     "bias_rad": (-0.1, 0.1),
+    "creep_s": (1e-6, 1.0),
+    "rest_s": (1e-3, 0.1),
 }
-"""Default bounds of the unknowns: delays and lags beyond 0.1 s and biases beyond 6 degrees are faults of a robot."""
+"""Default bounds of the unknowns: delays and lags beyond 0.1 s and biases beyond 6 degrees are faults of a robot, and a simulation
+whose sticking joints come to rest within less than 1 ms needs shorter steps than its users take."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from .._tools.words import columned, series
 from ..errors import FitError
+from ..experiment.unknown import SOFT
 from ..result.identification import Identification
 from ..robot.friction import Friction
 from .bodies import joint_friction, lost_friction
@@ -58,6 +59,8 @@ class JointDrive:
         Encoder reading less joint position (rad or m).
     smoothing : float
         Velocity below which the result's friction is smooth (rad/s or m/s); zero where it is MuJoCo's.
+    softness : (float, float) or None
+        Creep and rest (s) of MuJoCo's friction, `didim.robot.transmission.softness`; None for another law.
     per_step : mapping of str to float
         Changes of these fields with the step of a simulator that takes kv implicitly, beyond that of the rotor (per second).
     """
@@ -77,6 +80,7 @@ class JointDrive:
     offset: float = 0.0
     bias_rad: float = 0.0
     smoothing: float = 0.0
+    softness: tuple[float, float] | None = None
     per_step: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -169,6 +173,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
         def of(key: str, j: int = j) -> float | None:
             return servo[key][j] if key in servo and j < n else None
 
+        creep, rest = of(SOFT[0]), of(SOFT[1])
         found.append(
             JointDrive(
                 joint=name,
@@ -186,6 +191,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 offset=0.0 if stiffness else offset,
                 bias_rad=of("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]) if j < n else 0.0,
+                softness=(creep, rest) if creep and rest and positions.get("soft") else None,
                 per_step={
                     FIELDS[row["kind"]]: row["per_step"]
                     for row in positions.get("rows", ())

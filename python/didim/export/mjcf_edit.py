@@ -1,9 +1,10 @@
 """Drives of a result in the user's MJCF: attributes of joints and actuators; no other byte changes.
 
-A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, its position
-actuator ``kp``, ``kv`` and ``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default
-class, do not change. The spring of a coupled joint is part of its leader's, so its own element loses it. Tested in
-``tests/test_export_drives.py`` with MuJoCo, and in ``tests/test_couplings.py``.
+A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, and ``solreffriction`` and
+``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv`` and
+``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. The
+spring of a coupled joint is part of its leader's, so its own element loses it. Tested in ``tests/test_export_drives.py``,
+in ``tests/test_softness.py`` and in ``tests/test_couplings.py``.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
 from .._tools.words import did_you_mean, listing
 from ..errors import FitError
-from ..loop.servos import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
+from ..robot.transmission import LARGEST_IMPEDANCE
 from ..robot.urdf.actuators import Setting
 from ..robot.urdf.drive_elements import DriveElements, drive_elements
+from ..robot.urdf.mjcf import LEAST_IMPEDANCE
 from ..robot.urdf.reading import MJCF_SET
 from ..robot.urdf.xml_spans import Element
 from .drives import Drives, JointDrive, for_step
@@ -80,7 +82,7 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
         sentences.append(
             f"{listing(motors)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
         )
-    sentences += softness(drives, path, step_s or 0.0)
+    sentences += softness(drives, path, found, step_s or 0.0)
     edits: list[Edit] = []
     for drive in (*drives.joints, *drives.followers):
         edits += _joint_edits(data, found, drive)
@@ -97,11 +99,20 @@ def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[E
         turns = old.kind == "revolute"
         values["springref"] = (found.written(old.rest, turns), found.written(drive.rest, turns))
     element = found.elements[drive.joint]
-    return [
+    edits = [
         attribute_edit(data, element, key, number(new))
         for key, (before, new) in values.items()
         if not _same(before, new)
     ]
+    new = drive.softness
+    if new is not None and not (_same(old.softness[0], new[0]) and _same(old.softness[1], new[1])):
+        creep, rest = new
+        least = min(max(rest / (rest + creep), LEAST_IMPEDANCE), 1.0 - LEAST_IMPEDANCE)
+        edits += [
+            attribute_edit(data, element, "solreffriction", numbers([2.0 * rest / LARGEST_IMPEDANCE, 1.0])),
+            attribute_edit(data, element, "solimpfriction", numbers([least, LARGEST_IMPEDANCE])),
+        ]
+    return edits
 
 
 def _actuator_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
@@ -134,19 +145,21 @@ def _same(before: float, new: float) -> bool:
     return abs(before - new) <= SAME * max(abs(before), abs(new))
 
 
-def softness(drives: Drives, path: Path, step_s: float) -> list[str]:
+def softness(drives: Drives, path: Path, found: DriveElements, step_s: float) -> list[str]:
     """Return a sentence that compares the speed below which MuJoCo's friction loss is viscous with the result's smoothing.
 
     ``frictionloss`` is a soft constraint: below ``Fc A (1 - d) / d dmax timeconst / 2``, A the joint's own entry of the inverse
-    inertia matrix, its force is proportional to the speed.
+    inertia matrix, its force is proportional to the speed. The time constant is at least two steps.
     """
     robot = load_robot(path)
     if MJCF_SET not in robot.sets:
         return []
     inverse = _inverse_inertia(robot, drives)
-    constant = max(TIME_CONSTANT_S, 2.0 * step_s)
-    share = (1.0 - IMPEDANCE) / IMPEDANCE * LARGEST_IMPEDANCE * constant / 2.0
-    speeds = [drive.coulomb * inverse.get(drive.joint, 0.0) * share for drive in drives.joints]
+    speeds = []
+    for drive in drives.joints:
+        creep, rest = drive.softness or found.joints[drive.joint].softness
+        creep *= max(1.0, LARGEST_IMPEDANCE * step_s / rest)
+        speeds.append(drive.coulomb * inverse.get(drive.joint, 0.0) * creep)
     if not any(speeds):
         return []
     own = max(drive.smoothing for drive in drives.joints)

@@ -25,12 +25,6 @@ from .reference import Reference
 
 NO_LIMIT = 1e30
 """Limit (N.m, N) of a servo without one: the core takes finite numbers only."""
-IMPEDANCE, LARGEST_IMPEDANCE = 0.9, 0.95
-"""First two numbers of MuJoCo's default ``solimpfriction``."""
-TIME_CONSTANT_S = 0.02
-"""Time constant (s) of MuJoCo's default ``solreffriction``, its first number; at least two steps."""
-SOFT_RATE = 2.0 / (LARGEST_IMPEDANCE * TIME_CONSTANT_S)
-"""Rate (1/s) of MuJoCo's soft friction, ``2 / (dmax timeconst)``."""
 SETTLED = 40.0
 """Duration of a lag's transient, in time constants: exp(-40) is below the rounding of a double."""
 
@@ -99,7 +93,7 @@ class Servos:
         Encoder readings at time 0, and velocities.
     softness : array, optional
         Slope k (kg.m^2 or kg) of friction ``-k (ddq + b dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
-    rate : float
+    rate : array, optional
         Rate b (1/s) of that friction.
     lead_s : float
         Inertia that a servo adds while it saturates, over kv (s): minus half a step for a simulator that takes kv implicitly.
@@ -114,7 +108,7 @@ class Servos:
     q: Array
     dq: Array
     softness: Array | None = None
-    rate: float = SOFT_RATE
+    rate: Array | None = None
     lead_s: float = 0.0
 
 
@@ -191,7 +185,8 @@ class ServoLoop:
         b = servos.bias_rad
         limit = np.minimum(servos.saturation, NO_LIMIT)
         soft = np.zeros_like(b) if servos.softness is None else servos.softness
-        rate, lead = np.full_like(b, servos.rate), np.full_like(b, servos.lead_s)
+        rate = soft if servos.rate is None else servos.rate
+        lead = np.full_like(b, servos.lead_s)
         rows = [
             servos.kp,
             servos.kv,

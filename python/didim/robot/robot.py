@@ -153,6 +153,8 @@ class Robot(Pickled):
         Sentences on changes made while reading the file, such as snapped right angles.
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
+    softness : tuple of (float, float)
+        Creep and rest (s) of the driven joints' friction losses in an MJCF, `didim.robot.transmission.softness`; else empty.
     """
 
     name: str
@@ -170,6 +172,7 @@ class Robot(Pickled):
     standard: StandardTable | None = None
     notes: tuple[str, ...] = ()
     actuators: tuple[Actuator | None, ...] = ()
+    softness: tuple[tuple[float, float], ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 

@@ -41,6 +41,33 @@ class Actuator:
     lag_s: float = 0.0
 
 
+IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S = 0.9, 0.95, 0.02
+"""First two numbers of MuJoCo's default ``solimpfriction``, and the first one (s) of its default ``solreffriction``."""
+
+
+def softness(least: float, largest: float, time_constant_s: float) -> tuple[float, float]:
+    """Return the softness of MuJoCo's friction loss, ``-(A^-1 / creep) (rest ddq + dq)`` between -Fc and Fc, A that of ``M^-1``.
+
+    Parameters
+    ----------
+    least, largest : float
+        Impedances ``d0`` and ``dmax`` of ``solimpfriction``.
+    time_constant_s : float
+        First number of ``solreffriction`` (s).
+
+    Returns
+    -------
+    creep, rest : float
+        ``rest (1 - d0) / d0`` and ``dmax timeconst / 2`` (s).
+    """
+    rest = largest * time_constant_s / 2.0
+    return rest * (1.0 - least) / least, rest
+
+
+SOFTNESS = softness(IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S)
+"""Creep and rest (s) of MuJoCo's friction loss by its defaults."""
+
+
 def reduction_matrix(table: Table, n_dof: int) -> NDArray[np.float64]:
     """Read the reduction matrix R, (n_dof, n_dof), rows motors, columns joints: ``q_motor = R q``.
 

@@ -15,10 +15,11 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import DRIVE, UNITS, Unknown, joint_kinds
+from ...experiment.unknown import DRIVE, SOFT, UNITS, Unknown, joint_kinds
 from ...loop.controller import Controller
 from ...model.limbs import Limb
 from ...robot.payload import NOTHING, flange_in_last_frame, last_link
+from ...robot.transmission import SOFTNESS
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
@@ -129,6 +130,7 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
         "lag_s": nothing,
         "bias_rad": nothing,
     }
+    drive |= dict(zip(SOFT, np.transpose(robot.softness or [SOFTNESS] * robot.n_dof), strict=True))
     for kind, unknown in experiment.unknown.items():
         if unknown.start is not None and kind in drive:
             drive[kind] = np.full(robot.n_dof, unknown.start)
@@ -266,4 +268,6 @@ class Steps:
             return 2e-4
         if kind == "bias_rad":
             return 1e-4
+        if kind in SOFT:
+            return share * SOFTNESS[SOFT.index(kind)]
         return share * float(np.min(sizes.get(kind, self.torque)[at]))

@@ -20,6 +20,7 @@ from ..._tools.words import series
 from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
+from ...experiment.unknown import SOFT
 from ...model.limbs import role_of
 from ...result.finding import Finding, said
 from ...result.identification import Identification
@@ -40,7 +41,7 @@ from .intervals import (
 )
 from .knowledge import Held, by_sentence, unidentified, weak_pairs
 from .laws import (
-    other_softness,
+    LEAST_M,
     search_of_either_friction,
     searched,
     with_explained_stretches,
@@ -96,18 +97,19 @@ def identify_positions(
     }
     shift = np.zeros(len(now.theta))
     if may_be_soft(experiment):
-        problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
+        problem, now, held, shift = search_of_either_friction(method, problem, now, held, options)
     else:
         now, held = searched(problem, now, held, options)
-    rest, now = without_pushes(experiment, method, problem, now, options)
+    rest, now = without_pushes(method, problem, now, options)
     again = rest is not problem and may_be_soft(experiment) and not rest.inertia
     problem = rest
     if again:
         # Pushes had hidden the law of friction.
-        problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
-    problem, now = with_explained_stretches(experiment, method, problem, now, options)
+        problem, now, held, shift = search_of_either_friction(method, problem, now, held, options)
+    problem, now = with_explained_stretches(method, problem, now, options)
     over = errors_over_noise(problem, now)
-    at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
+    inexact = errors_over_noise(problem, now, LEAST_M) > LASTING
+    at = [bool(inexact[list(column.joints)].any()) for column in problem.columns]
     spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
     return _result(experiment, End(problem, now, held, spread, before, over, shift))
 
@@ -186,7 +188,6 @@ def _result(experiment: Experiment, end: End) -> Identification:
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
             *model_errors(problem, end.over, end.shift),
-            *(other_softness(problem, now) if end.over.max() > LASTING else ()),
             *changes(problem, spread, now.theta),
         ),
         settings={
@@ -374,7 +375,7 @@ def _evidence(
                 parameters=tuple(column.name for column in columns),
             )
         )
-    stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s")]
+    stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s", *SOFT)]
     if stuck:
         names = series(row["name"] for row in stuck)
         findings.append(

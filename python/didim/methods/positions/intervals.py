@@ -138,10 +138,11 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
     return found
 
 
-def errors_over_noise(problem: Problem, now: Search) -> Array:
+def errors_over_noise(problem: Problem, now: Search, least: float = LEAST_NOISE) -> Array:
     """Return the rms errors over their white part, (n_dof,): 1 where a model is exact, 0 of joints without a fit.
 
-    The rounding of an encoder counts as white, because it is not an error of the model, even where a joint rests on one count.
+    The rounding of an encoder counts as white, because it is not an error of the model, even where a joint rests on one count. The
+    white part is at least `least` (rad or m).
     """
     squares, noise, count = (np.zeros(problem.robot.n_dof) for _ in range(3))
     for item, weight, rows in zip(problem.rollouts, problem.weights, now.errors, strict=True):
@@ -149,7 +150,7 @@ def errors_over_noise(problem: Problem, now: Search) -> Array:
             at, e = list(problem.limbs[item.limb].joints), rows.reshape(-1, len(weight)) / weight
             own = np.maximum(white_noise(e), encoder_step(item.q) / np.sqrt(12.0))
             squares[at] += np.sum(e**2, axis=0)
-            noise[at] += len(e) * np.maximum(own, LEAST_NOISE) ** 2
+            noise[at] += len(e) * np.maximum(own, least) ** 2
             count[at] += len(e)
     return np.sqrt(np.divide(squares, noise, out=np.zeros_like(squares), where=count > 0))
 

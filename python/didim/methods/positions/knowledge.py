@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
+from ...experiment.unknown import SOFT
 from ...robot.robot import Robot
 from .columns import Column
 from .problem import Problem
@@ -23,7 +24,12 @@ from .search import Search, normal_of
 
 NULL_SHARE, NULL_M = 0.02, 1e-6
 """An unknown whose whole range moves the joints (rms) by less than this share of the errors, or by this (rad, m), has no effect."""
-ALONE: Mapping[str, float] = {"delay_s": 20.0, "lag_s": 20.0, "bias_rad": math.inf}
+ALONE: Mapping[str, float] = {
+    "delay_s": 20.0,
+    "lag_s": 20.0,
+    "bias_rad": math.inf,
+    **dict.fromkeys(SOFT, math.inf),
+}
 """Largest `f` at which an unknown of a drive is separated from the others, whatever the errors. On the Go2 log the delay has
 12, with an error curve whose minimum is at zero; biases have their own sentence where gravity does not show them."""
 USUALLY_ALONE = 3.0

@@ -14,9 +14,10 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...result.finding import Finding, said
+from ...experiment.unknown import RANGES, SOFT, Shared, Unknown
 from ...result.status import Status
 from ...signal.noise import encoder_noise
+from .intervals import LASTING, errors_over_noise
 from .knowledge import Held, unidentified
 from .problem import Problem, build
 from .search import Search, begun, bounded_step, normal_of, search
@@ -31,10 +32,16 @@ MOST_ROUNDS = 6
 """Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
-OTHER_SOFTNESS = ((1.0, 0.4), (0.4, 1.0), (1.0, 0.65), (0.65, 1.0), (1.0, 1.4), (1.0, 2.0), (2.0, 1.0))
-"""Factors of slope and rate of MuJoCo's friction that are tried where its defaults leave errors of the model."""
+HARD = 5e-5, 2.5e-3
+"""Creep and rest (s) from which those of friction that a smooth sign fits better are searched: a quarter or less of MuJoCo's."""
+STILL = 1e-3
+"""Smallest velocity (rad/s or m/s) of a smooth sign that is compared: a harder one needs shorter steps."""
+LEAST_M = 1e-6
+"""Noise (rad or m) that a log has at least where another softness of friction is looked for: the rounding of logs as text."""
+SHARED: tuple[Shared, Shared] = ("joint", "robot")
+"""Joints that share a creep and a rest: the first depends on the armature with which MuJoCo compiled a file."""
 PROMISED = 0.65
-"""Share of the squared errors, promised by another softness, below which the default one is contradicted. Simulated legs whose
+"""Share of the squared errors, promised by another softness of friction, above which it is not searched. Simulated legs whose
 friction has 0.6 to 2.5 times the default time constant have 0.01 to 0.4, with armatures changed without mj_setConst up to 0.62."""
 
 
@@ -58,12 +65,7 @@ def searched(
 
 
 def search_of_either_friction(
-    experiment: Experiment,
-    method: CLOESettings,
-    problem: Problem,
-    now: Search,
-    held: list[Held],
-    options: dict[str, Any],
+    method: CLOESettings, problem: Problem, now: Search, held: list[Held], options: dict[str, Any]
 ) -> tuple[Problem, Search, list[Held], Array]:
     """Search with friction as MuJoCo has it, where errors and derivatives promise less than a smooth sign leaves.
 
@@ -74,75 +76,134 @@ def search_of_either_friction(
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
         return problem, now, held, shift
-    pushed = [item for item in problem.stops if item.pushed]
-    rival = _built(experiment, method, soft=True, pushed=pushed)
+    rival = _built(method, problem, soft=True)
+    if (promise := _promised(problem, rival, now)) is not None:
+        start, shift, cost = promise
+        if cost < SOFTER * now.cost:
+            options["reporter"].say(
+                "friction as MuJoCo has it promises smaller errors; the search goes on with it"
+            )
+            found, held_there = _searched_anew(rival, start, options)
+            problem.n_simulations = rival.n_simulations
+            shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
+            if found.cost < now.cost:
+                return _of_another_softness(method, rival, found, held_there, shift, options)
+    now, held = searched(problem, now, held, options)
+    return _of_another_softness(method, problem, now, held, shift, options)
+
+
+def with_softness(experiment: Experiment) -> Experiment:
+    """Return an experiment whose softness of friction is unknown."""
+    own = {
+        kind: Unknown(low=RANGES[kind][0], high=RANGES[kind][1], shared=shared)
+        for kind, shared in zip(SOFT, SHARED, strict=True)
+    }
+    return replace(experiment, unknown={**own, **experiment.unknown})
+
+
+def _of_another_softness(
+    method: CLOESettings,
+    problem: Problem,
+    now: Search,
+    held: list[Held],
+    shift: Array,
+    options: dict[str, Any],
+) -> tuple[Problem, Search, list[Held], Array]:
+    """Search with the softness of friction unknown, where errors exceed the noise and another one promises much smaller ones.
+
+    Friction is then softer or harder than by the file, or its armatures were changed after MuJoCo had computed the softness: with
+    the wrong one armatures and friction are false, and no block of the log shows it.
+    """
+    if not now.status.converged or not _unexplained(problem, now):
+        return problem, now, held, shift
+    rival = _built(method, problem, soft=True, experiment=with_softness(problem.experiment))
+    promise = _promised(problem, rival, now, () if problem.inertia else HARD)
+    if promise is None:
+        return problem, now, held, shift
+    start, step, cost = promise
+    if cost < PROMISED * now.cost:
+        options["reporter"].say(
+            "another softness of friction promises smaller errors; the search goes on with it"
+        )
+        found, held_there = _searched_anew(rival, start, options)
+        problem.n_simulations = rival.n_simulations
+        if found.cost < PROMISED * now.cost:
+            return rival, found, held_there, _as_smooth_sign(method, rival, found)
+    return problem, now, held, np.where(np.abs(step) > np.abs(shift), step, shift)
+
+
+def _unexplained(problem: Problem, now: Search) -> bool:
+    return bool(errors_over_noise(problem, now, LEAST_M).max() > LASTING)
+
+
+def _as_smooth_sign(method: CLOESettings, problem: Problem, now: Search) -> Array:
+    """Return the step of the unknowns to friction as a smooth sign of the same slope at velocity zero, (n_columns,).
+
+    Zero where MuJoCo's friction explains the log.
+    """
+    nothing = np.zeros(len(now.theta))
+    if not _unexplained(problem, now):
+        return nothing
+    robot = problem.robot.with_smoothing(np.maximum(problem.creeping(now.theta), STILL).tolist())
+    smooth = replace(
+        problem.experiment, robot=robot, simulation=replace(problem.experiment.simulation, smoothing=None)
+    )
+    rival = _built(method, problem, soft=False, experiment=smooth)
     rival.n_simulations = problem.n_simulations
     try:
-        start = begun(rival, now.theta, now.free.copy(), now)
+        start = begun(rival, now.theta, now.free, now)
     except FitError:
-        return problem, *searched(problem, now, held, options), shift
+        return nothing
     problem.n_simulations = rival.n_simulations
     a, b = normal_of(rival, start.errors, start.blocks)
-    shift = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
-    if start.cost + float(2.0 * b @ shift + shift @ a @ shift) < SOFTER * now.cost:
-        options["reporter"].say(
-            "friction as MuJoCo has it promises smaller errors; the search goes on with it"
-        )
-        start.free[:] = True
-        found, held_there = searched(rival, start, unidentified(rival, start, strict=True), options)
-        problem.n_simulations = rival.n_simulations
-        shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
-        if found.cost < now.cost:
-            return rival, found, held_there, shift
-    return problem, *searched(problem, now, held, options), shift
+    return bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
 
 
-def other_softness(problem: Problem, now: Search) -> tuple[Finding, ...]:
-    """Return the finding that friction is soft as MuJoCo has it, but not by its defaults, from what other values promise to leave.
+def _searched_anew(problem: Problem, start: Search, options: dict[str, Any]) -> tuple[Search, list[Held]]:
+    """Search with all unknowns from a point that was only screened."""
+    now = begun(problem, start.theta, np.ones(len(start.theta), dtype=bool), start)
+    return searched(problem, now, unidentified(problem, now, strict=True), options)
 
-    Armatures and friction are then false without a sign in their intervals: all blocks share the error.
+
+def _promised(
+    problem: Problem, rival: Problem, now: Search, others: Sequence[float] = ()
+) -> tuple[Search, Array, float] | None:
+    """Return a search of another law from an estimate, the step of the unknowns of both, and the cost that it promises.
+
+    `others` are starts of the kinds that only the other law has. None if it cannot be simulated there.
     """
-    for slope, rate in OTHER_SOFTNESS if problem.inertia else ():
-        rival = replace(problem, softness=(slope * problem.softness[0], rate * problem.softness[1]))
-        try:
-            start = begun(rival, now.theta, now.free.copy(), now)
-        except FitError:
-            continue
-        problem.n_simulations = rival.n_simulations
-        a, b = normal_of(rival, start.errors, start.blocks)
-        step = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
-        share = (start.cost + float(2.0 * b @ step + step @ a @ step)) / now.cost
-        if share < PROMISED:
-            word = "softer" if slope * rate < 1.0 else "harder"
-            return (
-                said(
-                    kind="softness",
-                    sentence=f"friction is {word} than by MuJoCo's defaults, which are simulated: with {slope:g} times the slope "
-                    f"and {rate:g} times the rate at most {100.0 * max(share, 0.0) ** 0.5:.0f} % of the errors would be left",
-                    advice="Where a simulation made the log, leave solreffriction and solimpfriction at their defaults, and change "
-                    "armatures before the file is compiled, or call mj_setConst",
-                    value=share,
-                ),
-            )
-    return ()
+    count = len(now.theta)
+    theta = np.append(now.theta, rival.start[count:])
+    for kind, value in zip(SOFT, others, strict=False):
+        theta[count:][[column.kind == kind for column in rival.columns[count:]]] = value
+    rival.n_simulations = problem.n_simulations
+    free = np.append(now.free, np.ones(len(theta) - count, dtype=bool))
+    try:
+        start = begun(rival, theta, free, now, screening=True)
+    except FitError:
+        return None
+    problem.n_simulations = rival.n_simulations
+    a, b = normal_of(rival, start.errors, start.blocks)
+    step = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
+    return start, step[:count], start.cost + float(2.0 * b @ step + step @ a @ step)
 
 
 def without_pushes(
-    experiment: Experiment, method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
+    method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
 ) -> tuple[Problem, Search]:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
     for _ in range(MOST_ROUNDS):
         more = _pushed(problem, now.errors, STRONGEST) if now.status.converged else []
         before, pushed = problem, [*(item for item in problem.stops if item.pushed), *more]
         if more:
-            problem, now = _without(experiment, method, problem, now, pushed, options)
+            problem, now = _without(method, problem, now, pushed, options)
         if problem is before:
             break
     return problem, now
 
 
 def with_explained_stretches(
-    experiment: Experiment, method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
+    method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
 ) -> tuple[Problem, Search]:
     """Search again with the stretches that the estimate explains after all.
 
@@ -151,17 +212,16 @@ def with_explained_stretches(
     pushed = [item for item in problem.stops if item.pushed]
     if not pushed or not now.status.converged:
         return problem, now
-    whole = _built(experiment, method, soft=bool(problem.inertia))
+    whole = _built(method, problem, soft=bool(problem.inertia), pushed=())
     seen = _pushed(whole, whole.errors(now.theta), 0.0)
     problem.n_simulations += whole.n_simulations
     unexplained = [item for item in pushed if any(item.meets(other) for other in seen)]
     if len(unexplained) == len(pushed):
         return problem, now
-    return _without(experiment, method, problem, now, unexplained, options)
+    return _without(method, problem, now, unexplained, options)
 
 
 def _without(
-    experiment: Experiment,
     method: CLOESettings,
     problem: Problem,
     now: Search,
@@ -170,7 +230,7 @@ def _without(
 ) -> tuple[Problem, Search]:
     """Search again without stretches; the same problem and search if too little would be left."""
     try:
-        rest = _built(experiment, method, soft=bool(problem.inertia), pushed=pushed)
+        rest = _built(method, problem, soft=bool(problem.inertia), pushed=pushed)
     except FitError:
         return problem, now
     rest.n_simulations = problem.n_simulations
@@ -179,11 +239,23 @@ def _without(
 
 
 def _built(
-    experiment: Experiment, method: CLOESettings, *, soft: bool, pushed: Sequence[Stop] = ()
+    method: CLOESettings,
+    problem: Problem,
+    *,
+    soft: bool,
+    pushed: Sequence[Stop] | None = None,
+    experiment: Experiment | None = None,
 ) -> Problem:
-    """Return the problem of an experiment with the settings of a method."""
+    """Return a problem with another law of friction, other stretches that are left out, or other unknowns."""
+    if pushed is None:
+        pushed = [item for item in problem.stops if item.pushed]
     return build(
-        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=soft, pushed=pushed
+        experiment or problem.experiment,
+        noise=method.noise,
+        threads=method.threads,
+        start=method.start,
+        soft=soft,
+        pushed=pushed,
     )
 
 

@@ -17,7 +17,8 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.specs import SimulationSettings
-from ...loop.servos import SOFT_RATE, Held, ServoLoop, Servos
+from ...experiment.unknown import SOFT
+from ...loop.servos import Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
 from ...robot.robot import Robot
@@ -32,8 +33,8 @@ LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
 """Time (s) at the start of a rollout that is not compared, for its initial velocity is a guess; at most this share of it."""
 START_S = 0.02
 """Duration (s) of the line fitted for a rollout's initial position and velocity."""
-SOFT_RATIO = 9.0
-"""``d / (1 - d)`` of MuJoCo's friction loss, d = 0.9 the first number of its default ``solimp``."""
+FINE_SHARE = 0.21
+"""Steps near velocity zero, as a share of the time in which joints come to rest with MuJoCo's friction: 2 ms by its defaults."""
 FEWEST_START_SAMPLES = 5
 """Smallest number of samples of that line."""
 
@@ -80,6 +81,8 @@ class Problem:
 
     Attributes
     ----------
+    experiment : Experiment
+        Logs and unknowns.
     robot : Robot
         The robot with smooth friction.
     limbs : list of Limb
@@ -99,10 +102,9 @@ class Problem:
         otherwise.
     stops : list of Stop
         Stretches of the log that no rollout has, for something holds a joint.
-    softness : (float, float)
-        ``d / (1 - d)`` and rate (1/s) of MuJoCo's soft constraint.
     """
 
+    experiment: Experiment
     robot: Robot
     limbs: list[Limb]
     rollouts: list[Rollout]
@@ -113,7 +115,6 @@ class Problem:
     n_simulations: int = 0
     inertia: dict[tuple[int, int], Array] = field(default_factory=dict)
     stops: list[Stop] = field(default_factory=list)
-    softness: tuple[float, float] = (SOFT_RATIO, SOFT_RATE)
 
     @property
     def start(self) -> Array:
@@ -141,6 +142,17 @@ class Problem:
         self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
+        x, drive = self._parameters(rollout, thetas)
+        q, dq = (np.tile(part, (len(thetas), 1)) for part in rollout.start)
+        self.n_simulations += len(thetas)
+        creep, rest = (drive.pop(kind) for kind in SOFT)
+        slope = self._slope(rollout, x) * rest / creep if self.inertia else None
+        return rollout.loop.run(
+            x, Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s), self.threads
+        )
+
+    def _parameters(self, rollout: Rollout, thetas: Array) -> tuple[Array, dict[str, Array]]:
+        """Return the standard parameters of a limb and the numbers of its servos, (n_candidates, n) each."""
         limb = self.limbs[rollout.limb]
         count, joints = len(thetas), list(limb.joints)
         values = self.values.along(rollout.recording)
@@ -158,22 +170,26 @@ class Problem:
                     drive[column.kind][:, local] = share * thetas[:, k]
                 else:
                     x[:, names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
-        q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
-        self.n_simulations += count
-        slope = self._slope(rollout, x) if self.inertia else None
-        rate = self.softness[1]
-        return rollout.loop.run(
-            x, Servos(**drive, q=q, dq=dq, softness=slope, rate=rate, lead_s=lead_s), self.threads
-        )
+        return x, drive
+
+    def creeping(self, theta: Array) -> Array:
+        """Return the velocities (rad/s or m/s) below which MuJoCo's friction is viscous, ``Fc creep (M^-1)_jj``, (n_dof,)."""
+        found = np.zeros(self.robot.n_dof)
+        for rollout in self.rollouts:
+            x, drive = self._parameters(rollout, theta[None])
+            limb = self.limbs[rollout.limb]
+            coulomb = [limb.robot.parameter_names.index(f"Fc{j + 1}") for j in range(len(limb.joints))]
+            found[list(limb.joints)] = (x[:, coulomb] * drive[SOFT[0]] / self._slope(rollout, x))[0]
+        return found
 
     def _slope(self, rollout: Rollout, x: Array) -> Array:
-        """Return slopes of MuJoCo's friction loss, ``d / ((1 - d) (M^-1)_jj)`` at position zero, (n_candidates, n_limb_joints)."""
+        """Return ``1 / (M^-1)_jj`` at position zero, (n_candidates, n_limb_joints): slopes of friction times creep over rest."""
         limb, inertia = self.limbs[rollout.limb], self.inertia[rollout.limb, rollout.recording]
         rotors = [limb.robot.parameter_names.index(f"Ia{j + 1}") for j in range(len(inertia))]
         m = np.tile(inertia, (len(x), 1, 1))
         at = np.arange(len(rotors))
         m[:, at, at] += x[:, rotors] - self.values.x[limb.indices][rotors]
-        return np.asarray(self.softness[0] / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
+        return np.asarray(1.0 / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
 
     def errors(self, theta: Array, role: str = "fit", lead_s: float = 0.0) -> list[Array]:
         """Return weighted errors of each rollout of a role, (n_rows,); NaN throughout where a run has ended early."""
@@ -184,12 +200,16 @@ class Problem:
             for number, rollout in enumerate(self.rollouts)
         ]
 
-    def derivatives(self, theta: Array) -> tuple[list[Array], list[Array]]:
-        """Return errors and their derivatives of each rollout, (n_rows,) and (n_rows, n_own_columns), by differences in lanes."""
+    def derivatives(self, theta: Array, first: int = 0) -> tuple[list[Array], list[Array]]:
+        """Return errors and their derivatives of each rollout, by differences in lanes.
+
+        They are (n_rows,) and (n_rows, n_own_columns), the own columns being those from number `first` on.
+        """
         _, high = self.bounds
         errors, blocks = [], []
         for number, rollout in enumerate(self.rollouts):
             own = self.own(rollout)
+            own = own[own >= first]
             if rollout.role != "fit":
                 errors.append(np.zeros(0))
                 blocks.append(np.zeros((0, len(own))))
@@ -249,12 +269,13 @@ def build(
         raise FitError(f'{experiment.name}: links = "fixed" needs [reference] kind = "recorded"')
     settings = experiment.simulation
     robot = settings.robot(experiment.robot)
-    if soft:  # its rate is 100 /s, so velocity zero needs no finer steps
-        step = settings.step_s or STEP_S
-        settings = replace(settings, step_s=step, fine_step_s=step, integrator="rk4")
     if robot.friction.coulomb != "tanh" or min(robot.friction.smoothing) <= 0.0:
         robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
     values = file_values(experiment, start)
+    if soft:  # it needs finer steps at velocity zero only if it is harder than by MuJoCo's defaults
+        step = settings.step_s or STEP_S
+        fine = FINE_STEP_S if {*SOFT} & {*experiment.unknown} else FINE_SHARE * values.drive[SOFT[1]].min()
+        settings = replace(settings, step_s=step, fine_step_s=min(step, fine), integrator="rk4")
     limbs = limbs_of(robot)
     stops = [*stops_of(experiment, limbs, values), *pushed]
     rollouts = _rollouts(experiment, limbs, settings, stops)
@@ -266,7 +287,7 @@ def build(
         else 1.0 / np.array(noise)[list(limbs[item.limb].joints)]
         for item in rollouts
     ]
-    problem = Problem(robot, limbs, rollouts, values, columns, threads, weights, stops=stops)
+    problem = Problem(experiment, robot, limbs, rollouts, values, columns, threads, weights, stops=stops)
     if soft:
         problem.inertia = {
             (k, number): inertia_matrix(

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
+from ...experiment.unknown import SOFT
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ..builder import digests
+from .laws import with_softness
 from .problem import build
 from .stops import Stop
 
@@ -93,8 +95,9 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     record = PositionRecord.of(fit.settings)
     soft = record is not None and record.soft
     pushed = pushed_of(fit, experiment)
-    problem = build(experiment, soft=soft, pushed=pushed)
     values = dict(zip(fit.names, fit.beta, strict=True))
+    unknown = with_softness(experiment) if SOFT[1] in values else experiment
+    problem = build(unknown, soft=soft, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
         raise FitError(

@@ -26,6 +26,8 @@ RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
 MOST_RAISES = 10
 """Number of damping increases in a row after which the search ends."""
+SLOPE = 1e-9
+"""Slope at a bound, as a share of the largest one, that counts as zero."""
 TINY = 1e-12
 """Scaled distance to a bound below which a parameter counts as being at the bound."""
 
@@ -79,15 +81,26 @@ def _prior(problem: Problem, theta: Array, scale: float) -> tuple[Array, Array]:
     return weight, theta - problem.start
 
 
-def begun(problem: Problem, theta: Array, free: NDArray[np.bool_], before: Search | None = None) -> Search:
-    """Return a search that stands at a point, after an earlier one or none.
+def begun(
+    problem: Problem,
+    theta: Array,
+    free: NDArray[np.bool_],
+    before: Search | None = None,
+    *,
+    screening: bool = False,
+) -> Search:
+    """Return a search that stands at a point, after an earlier one or none; `screening` keeps the derivatives of that one.
 
     Raises
     ------
     FitError
         Where the robot cannot be simulated there.
     """
-    errors, blocks = problem.derivatives(theta)
+    if before is None or not screening:
+        errors, blocks = problem.derivatives(theta)
+    else:
+        errors, blocks = problem.derivatives(theta, first=len(before.theta))
+        blocks = [np.hstack(pair) for pair in zip(before.blocks, blocks, strict=True)]
     if not all(np.isfinite(e).all() for e in errors):
         raise FitError(
             "the robot cannot be simulated with the parameters to start from: give other starts, or a smaller step_s"
@@ -112,19 +125,19 @@ def search(
     damping, done = FIRST_DAMPING, len(now.history)
     while len(now.history) < most:
         a, b = normal_of(problem, now.errors, now.blocks)
-        accepted, optimal, fall, size = False, False, 0.0, 0.0
+        accepted, last, fall, size = False, False, 0.0, 0.0
         for raised in range(MOST_RAISES):
             step = bounded_step(problem, now, a, b, damping, rows)
             trial = np.clip(now.theta + step, low, high)
+            # The step that promises less than the tolerance is the last one, and the derivatives before it are good enough.
+            last = -float(2.0 * b @ step + step @ a @ step) <= tolerance * now.cost
             # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
-            tried, found = (problem.errors(trial), None) if raised else problem.derivatives(trial)
+            tried, found = (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
             cost = _cost(problem, tried, trial, rows)
             if cost < now.cost:  # not so where a run has ended early, for NaN is not smaller
                 accepted = True
                 break
-            # A step that promises less than the tolerance and brings nothing is that of an optimum.
-            optimal = -float(2.0 * b @ step + step @ a @ step) <= tolerance * now.cost
-            if optimal:
+            if last:
                 break
             damping *= RAISE
         if accepted:
@@ -133,7 +146,9 @@ def search(
                 max(now.cost, 1e-300)
             )
             now.theta, now.cost, damping = trial, cost, max(damping / LOWER, LEAST_DAMPING)
-            now.errors, now.blocks = problem.derivatives(trial) if found is None else (tried, found)
+            if found is None and not last:
+                tried, found = problem.derivatives(trial)
+            now.errors, now.blocks = tried, now.blocks if found is None else found
         rms = math.sqrt(now.cost / rows)
         now.history.append(
             Iteration(
@@ -150,9 +165,9 @@ def search(
         if reporter.progress(now.history[-1]):
             now.status = Status.STOPPED
             return now
-        if not accepted or fall < tolerance:
+        if not accepted or last or fall < tolerance:
             now.status = (
-                Status.CONVERGED if accepted or optimal or len(now.history) > done + 1 else Status.NO_STEP
+                Status.CONVERGED if accepted or last or len(now.history) > done + 1 else Status.NO_STEP
             )
             return now
     return now
@@ -182,24 +197,31 @@ def bounded_step(problem: Problem, now: Search, a: Array, b: Array, damping: flo
 
 
 def _between(matrix: Array, gradient: Array, low: Array, high: Array) -> Array:
-    """Return the minimum of ``g^T s + s^T M s / 2`` between bounds: those that it leaves are held, unless they would come back."""
-    free, s = np.ones(len(gradient), dtype=bool), np.zeros(len(gradient))
-    while free.any():
-        pulled = gradient[free] + matrix[np.ix_(free, ~free)] @ s[~free]
-        s[free] = np.linalg.solve(matrix[np.ix_(free, free)], -pulled)
-        out = free & ((s < low) | (s > high))
-        if not out.any():
-            break
-        s[out] = np.clip(s[out], low[out], high[out])
-        free &= ~out
-    slope = gradient + matrix @ s
-    held = ~free
-    if (np.where(s <= low, slope, -slope)[held] >= -1e-9 * np.abs(gradient).max()).all():
-        return s
-    from scipy.optimize import lsq_linear  # loads much else
+    """Return the minimum of ``g^T s + s^T M s / 2`` between bounds around zero, M positive definite, by active sets.
 
-    root = np.linalg.cholesky(matrix)
-    return np.asarray(lsq_linear(root.T, np.linalg.solve(root, -gradient), (low, high)).x)
+    Steps end at the first bound that they meet, which is held from then on; of held unknowns that would come back, the one with
+    the steepest slope is freed. Each set that is solved has a smaller cost than those before, so that none is met twice.
+    """
+    free, s = np.ones(len(gradient), dtype=bool), np.zeros(len(gradient))
+    while True:
+        while free.any():
+            pulled = gradient[free] + matrix[np.ix_(free, ~free)] @ s[~free]
+            wanted = np.linalg.solve(matrix[np.ix_(free, free)], -pulled)
+            move = wanted - s[free]
+            ends = np.where(move > 0.0, high[free], low[free])
+            room = np.divide(ends - s[free], move, out=np.full(len(move), np.inf), where=move != 0.0)
+            share = min(1.0, float(room.min()))
+            s[free] = wanted if share == 1.0 else s[free] + share * move
+            if share == 1.0:
+                break
+            met = np.flatnonzero(free)[room <= share]
+            s[met] = ends[room <= share]
+            free[met] = False
+        slope = gradient + matrix @ s
+        inward = np.where(free, 0.0, np.where(s <= low, -slope, slope))
+        if inward.max(initial=0.0) <= SLOPE * np.abs(gradient).max():
+            return s
+        free[np.argmax(inward)] = True
 
 
 def at_bound(problem: Problem, now: Search) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from ..._tools.arrays import Array
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import body_pseudo_inertia, pose, rotation_of
-from ..transmission import Actuator
+from ..transmission import SOFTNESS, Actuator
 from .xml_spans import Element, parse_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -99,6 +99,8 @@ class UrdfJoint:
         Position (rad or m) at which an MJCF draws the joint.
     actuator : Actuator or None
         Gains and limit of the joint's drive, only in an MJCF.
+    softness : (float, float)
+        Creep and rest (s) of its friction loss, `didim.robot.transmission.softness`.
     """
 
     name: str
@@ -121,6 +123,7 @@ class UrdfJoint:
     rest: float = 0.0
     zero: float = 0.0
     actuator: Actuator | None = None
+    softness: tuple[float, float] = SOFTNESS
 
     @property
     def moves(self) -> bool:

@@ -22,6 +22,7 @@ from ..._tools.words import counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import inverse, pose, turn
+from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
 from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied
@@ -34,8 +35,8 @@ WORLD = "world"
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
 """URDF name of each MJCF joint type."""
 
-USUAL_FRICTION = {"solreffriction": (0.02, 1.0), "solimpfriction": (0.9, 0.95, 0.001, 0.5, 2.0)}
-"""MuJoCo's defaults, which the closed loop has where it simulates friction as MuJoCo does."""
+LEAST_IMPEDANCE = 1e-4
+"""Distance of MuJoCo's impedances from 0 and 1."""
 UNREAD = ("replicate", "composite", "flexcomp", "attach")
 """Elements that generate bodies and are not supported by this reader."""
 
@@ -52,7 +53,6 @@ class Reader:
     outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
     meshes: list[str] = field(default_factory=list)
     curved: list[str] = field(default_factory=list)
-    softer: list[str] = field(default_factory=list)
     own_limits: dict[str, float] = field(default_factory=dict)
     elements: dict[str, Element] = field(default_factory=dict)
 
@@ -178,13 +178,6 @@ class Reader:
             given[key] = first
             if any(word.strip("0.") for word in others):
                 self.curved.append(f"{key} of {name}")
-        for key, usual in USUAL_FRICTION.items():
-            words = given.get(key, "").split()
-            if (
-                tuple(self.numbers(element, given, key, *usual[: len(words) or None]))
-                != usual[: len(words) or None]
-            ):
-                self.softer.append(f"{key} of {name}")
         nailed = _beyond(given["damping"])
         if nailed:
             kind, given["damping"] = f"{kind} with a damping of {given['damping']}", "0"
@@ -214,9 +207,34 @@ class Reader:
             stiffness=number_of("stiffness"),
             rest=scale * number_of("springref"),
             zero=0.0 if nailed else scale * number_of("ref"),
+            softness=self._softness(element, given),
         )
         anchored = kind in ("revolute", "prismatic")
         return joint, self.numbers(element, given, "pos", 0.0, 0.0, 0.0) if anchored else np.zeros(3)
+
+    def _softness(self, element: Element, given: Mapping[str, str]) -> tuple[float, float]:
+        """Return creep and rest (s) of a joint's friction loss, `didim.robot.transmission.softness`.
+
+        Two negative numbers of ``solreffriction`` are stiffness and damping, and friction takes the damping. Of a positive and a
+        negative one MuJoCo takes neither, but its defaults.
+        """
+
+        def first_of(key: str, *usual: float) -> tuple[float, float]:
+            words = given.get(key, "").split()[:2]
+            found = self.numbers(
+                element, {key: " ".join(words)} if words else {}, key, *usual[: len(words) or 2]
+            )
+            first, second = np.append(found, usual[len(found) :])
+            return float(first), float(second)
+
+        limit = LEAST_IMPEDANCE
+        least, largest = np.clip(first_of("solimpfriction", IMPEDANCE, LARGEST_IMPEDANCE), limit, 1.0 - limit)
+        time, damping = first_of("solreffriction", TIME_CONSTANT_S, 1.0)
+        if (time > 0.0) != (damping > 0.0):
+            time, damping = TIME_CONSTANT_S, 1.0
+        return softness(
+            float(least), float(largest), time if time > 0.0 else 2.0 / max(-damping, 1.0 / LARGEST)
+        )
 
     def _inertial(self, body: Element, name: str, childclass: str) -> Inertial | None:
         element = body.find("inertial")
@@ -281,10 +299,6 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
     if reader.curved:
         notes.append(f"nonlinear parts are left out: {series(reader.curved)}")
-    if reader.softer:
-        notes.append(
-            f"friction losses are as soft as by MuJoCo's defaults; not read: {', '.join(reader.softer)}"
-        )
     if tendons := sprung_tendons(sections, reader.defaults):
         notes.append(f"springs of tendons are left out: {series(tendons)}")
     if unread:

@@ -151,6 +151,7 @@ def read_urdf(
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=tuple(notes),
         actuators=tuple(joint.actuator for joint in chain.joints) if _driven(chain) else (),
+        softness=tuple(joint.softness for joint in chain.driven) if mjcf else (),
         _named={set_name: named} if named else {},
     )
     robot.core  # noqa: B018 - a wrong description must fail on loading
