@@ -89,13 +89,16 @@ def followed(
     data = mujoco.MjData(model)
     data.qpos[:] = r[0]
     q = np.empty_like(r)
-    for k in range(len(r) * steps):
-        if k % steps == 0:
-            q[k // steps] = data.qpos
-        data.ctrl[:] = r[max(k - late, 0) // steps]
-        if push is not None:
-            data.qfrc_applied[:] = push(k * step_s, data.qpos)
-        mujoco.mj_step(model, data)
+    for k in range(len(r)):
+        q[k] = data.qpos
+        for first, last in ((0, late % steps), (late % steps, steps)):  # a command acts within a sample
+            data.ctrl[:] = r[max(k * steps + first - late, 0) // steps]
+            if push is None:
+                mujoco.mj_step(model, data, nstep=last - first)
+                continue
+            for number in range(first, last):
+                data.qfrc_applied[:] = push((k * steps + number) * step_s, data.qpos)
+                mujoco.mj_step(model, data)
     return q
 
 

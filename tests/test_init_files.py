@@ -433,24 +433,21 @@ REAL: dict[str, tuple[str, list[str], list[str], float]] = {
     "ur10e": ("ur10e", ["ur10e/free.csv"], ["--columns", "current=14-19", "--gain", *GAINS], 0.046),
     "ur10": ("", ["unisa/ur10_exciting.db3", "unisa/ur10_validation.db3"], [], 0.07),
     "panda": ("panda", ["unisa/panda_exciting.db3"], [], 0.04),
-    "tiago": (
-        "tiago/tiago_48_hey5.urdf",
-        ["tiago/tiago_position.csv", "tiago/tiago_velocity.csv", "tiago/tiago_effort.csv"],
-        [],
-        0.6,
-    ),
 }
 """Robot, files, options, and the relative error that is not exceeded."""
 
 
 @pytest.mark.parametrize("which", list(REAL))
 def test_public_logs_get_in_by_init_alone(shared: Path, tmp_path: Path, which: str) -> None:
-    """As they were published: two and three files of one log, bags with other names, MATLAB, no header, a tree."""
+    """As they were published: two files of one log, bags with other names, MATLAB, no header.
+
+    A tree and three files of one log: ``test_trees.py::test_tiago_by_its_three_files``.
+    """
     if which in ("ur10", "panda"):
         pytest.importorskip("rosbags", reason="needs the extra 'ros'")
     robot, files, options, largest = REAL[which]
     data = shared / "data"
-    named = ur10(tmp_path) if not robot else str(data / robot) if "/" in robot else robot
+    named = robot or ur10(tmp_path)
     out: Any = tmp_path / "x.toml"
     assert main(["init", named, *(str(data / file) for file in files), *options, "-o", str(out)]) == 0
     assert main(["check", str(out)]) in (0, 1)

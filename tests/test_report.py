@@ -139,8 +139,9 @@ def pages(fit: Identification, arm: Experiment, fit_html: str, comparison: Compa
 
 @pytest.fixture
 def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the figures and embed an empty picture of each: drawing takes most of the time, and these tests read the text."""
+    """Make the figures and embed an empty picture of each: their layout takes most of the time, and these tests read the text."""
     monkeypatch.setattr("didim.report.page.svg", lambda figure: "<svg/>")
+    monkeypatch.setattr("didim.report.page.column_edges", lambda figure: [0.0, 1.0])
 
 
 @pytest.mark.parametrize("which", REPORTS)

@@ -459,6 +459,7 @@ def test_tiago_by_its_three_files(
     main(["identify", "tiago.toml", "--json", "tiago.json"])
     fit = didim.Identification.load("tiago.json")
     assert fit.joint_names == ("torso_lift_joint", *(f"arm_{j}_joint" for j in range(1, 8)))
+    assert fit.overall_relative_error < 0.6
     low, high = fit.confidence_interval(0.95)
     assert len(fit.beta) == 73
     assert np.isfinite(low).all()

@@ -246,8 +246,10 @@ def _cut(box: Box, width: int, height: int) -> str:
 
 def _legend_box(figure: Figure) -> Box | None:
     """Return where a drawn figure has its legend; None where it does not stand alone above all panels."""
+    if len(figure.legends) != 1 or figure.get_suptitle():
+        return None
     boxes = [box for axes in figure.axes if (box := axes.get_tightbbox()) is not None]
-    if len(figure.legends) != 1 or figure.get_suptitle() or not boxes:
+    if not boxes:
         return None
     legend, whole = figure.legends[0].get_window_extent(), figure.bbox
     panels = max(box.y1 for box in boxes)
