@@ -46,6 +46,26 @@ def without_causes() -> Iterator[None]:
         yield
 
 
+def _unjudged() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("didim.methods.identify.judged", lambda fit, *arguments, **options: fit)
+        for name in ("measured_along", "law_along"):
+            patch.setattr(f"didim.methods.identify.{name}", lambda fit, experiment, method: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def without_verdict() -> Iterator[None]:
+    """Judge no result of a module, which takes as long as the fit; for tests that read neither evidence nor verdict."""
+    yield from _unjudged()
+
+
+@pytest.fixture
+def unjudged() -> Iterator[None]:
+    """Judge no result in one test, as `without_verdict` in a module."""
+    yield from _unjudged()
+
+
 @pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Hear Ctrl-C: a shell that runs tests in the background may have it ignored."""

@@ -27,7 +27,7 @@ from didim.studies.compare import position_norms
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from pickling_executor import Pickling
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,8 @@ from didim.regression.consistent.solver import Consistent
 from didim.regression.selection import select
 from didim.studies.simulated_log import simulated_log
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 ROBOT = didim.load_robot("tx40")
 NOTHING = select(ROBOT, {}, ())
 PRIOR = Prior(

@@ -22,6 +22,8 @@ from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, te
 from didim.studies.simulated_log import simulated_log
 from test_solver import KnowsTheRobot
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 ROBOT = didim.load_robot("tx40")
 LOAD = ten_parameters(
     body_pseudo_inertia(0.6, np.diag([6e-4, 6e-4, 4e-4]), pose(np.eye(3), (0.01, 0.02, 0.05)))

@@ -44,6 +44,7 @@ def off(fit: didim.Identification, log: Experiment) -> float:
     return float(np.sqrt(np.mean(((fit.beta - log.robot.set_base("reference")) / fit.std) ** 2)))
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_where_the_truth_is_a_robot_plain_and_consistent_didim_agree() -> None:
     """Same weights, same answer: a prior of a hundredth of a nat moves nothing by more than 0.01 sigma rms."""
     experiment = didim.packaged_experiment("tx40")
@@ -66,6 +67,7 @@ def test_the_emps_is_met_in_four_digits(project: Path, shared: Path) -> None:
     assert [f"{value:.4g}" for value in consistent.beta] == [f"{value:.4g}" for value in plain.beta]
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("start", ["consistent", "prior", "unit", "idim-ls", "reference"])
 def test_starts_of_both_kinds_of_didim(log: Experiment, start: str) -> None:
     for physical in (True, False):
@@ -75,6 +77,7 @@ def test_starts_of_both_kinds_of_didim(log: Experiment, start: str) -> None:
         assert off(fit, log) < 1.6
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_idim_iv_and_cloe_under_conditions(log: Experiment) -> None:
     conditions = conditions_of(log.robot)
     for method in (IDIMIV(physical=True), CLOE(physical=True), CLOE(physical=True, output="torque")):
@@ -99,6 +102,7 @@ def test_consistent_cloe_comes_back_from_a_wrong_start_and_without_a_controller_
         identify(replace(log, controller=None), CLOE(physical=True))
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_consistent_cloe_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     arm, file = noisy(arm_log(1, natural_frequency_hz=1.0)), tmp_path / "search.npz"
     whole = identify(arm, CLOE(physical=True, start="prior"))
@@ -117,6 +121,7 @@ def test_consistent_cloe_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         identify(arm, CLOE(physical=True, start="prior", output="torque", checkpoint=file))
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_consistent_cloe_from_several_starts() -> None:
     arm = noisy(arm_log(1))
     one, several = (identify(arm, CLOE(physical=True, output="torque", starts=starts)) for starts in (1, 3))
@@ -238,6 +243,7 @@ def sound() -> Experiment:
     return simulated_log(experiment, experiment.robot.parameter_set("didim_physical"), seed=3)
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("joint", [3, 6])
 def test_a_reversed_torque_is_named_with_both_residuals(sound: Experiment, joint: int) -> None:
     (recording,) = sound.recordings
@@ -253,6 +259,7 @@ def test_a_reversed_torque_is_named_with_both_residuals(sound: Experiment, joint
     assert re.search(r"physical conditions raise the residual from [\d.]+ % to [\d.]+ %", text)
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_a_wrong_gravity_is_told(sound: Experiment, tmp_path: Path, project: Path) -> None:
     text = (project / "python" / "didim" / "packaged" / "robots" / "tx40.toml").read_text(encoding="utf-8")
     line = next(line for line in text.splitlines() if line.startswith("gravity_m_s2"))

@@ -21,7 +21,7 @@ from didim.result.contrast import reading
 from didim.studies.contrasts import contrasts_of
 from didim.studies.simulated_log import measured
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Array = NDArray[np.float64]
 

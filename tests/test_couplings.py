@@ -25,6 +25,8 @@ from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
 from urdfs import inertial_text, joint_text, limit_text, made, pinocchio_model, random_tree, with_rotors
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 ROBOTS = 60
 """Random trees with joints that follow others, compared with Pinocchio."""
 

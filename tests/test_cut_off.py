@@ -17,7 +17,7 @@ from didim.signal.segments import segments
 from didim.studies.simulated_log import measured
 from planted import tx40_exact
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Array = NDArray[np.float64]
 

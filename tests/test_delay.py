@@ -25,6 +25,8 @@ from didim.signal.processing import SignalProcessing
 from didim.studies.prediction import predict
 from didim.studies.simulated_log import packaged_experiment, simulated_log
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 # Trimmed far enough that neither edges of the filter nor the interpolation matter.
 SIGNAL = replace(simulated.SIGNAL, trim_start=200, trim_end=200)
 

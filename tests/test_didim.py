@@ -99,6 +99,7 @@ def test_four_iterations_from_the_regular_point_and_three_are_nearly_enough(
     assert distance(fit, three.beta) < 0.3
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_without_noise_the_truth_is_met() -> None:
     experiment = packaged_experiment("tx40")
     x = experiment.robot.parameter_set("didim")
@@ -107,6 +108,7 @@ def test_without_noise_the_truth_is_met() -> None:
     np.testing.assert_allclose(found.beta, experiment.robot.set_base("didim"), rtol=1e-6)
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_twenty_iterations_do_not_wander(log: Experiment, fit: Identification) -> None:
     long = identify(log, plain_didim(max_iterations=20, stop=False))
     assert long.n_iterations == 20
@@ -130,6 +132,7 @@ def test_errors_are_as_large_as_sigma_says(exact: Experiment, truth: Array) -> N
 # Starts.
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("start", ["apriori", "idim-ls", "didim"])
 def test_every_start_ends_at_the_same_parameters(log: Experiment, fit: Identification, start: Start) -> None:
     found = identify(log, plain_didim(start=start))
@@ -138,6 +141,7 @@ def test_every_start_ends_at_the_same_parameters(log: Experiment, fit: Identific
     assert found.settings["didim"]["start"] == start
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identification) -> None:
     """The truth times factors of 0.3 to 3 per group, where M(q) stays positive definite; benches/calibration.py does twenty."""
     starts = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=5)
@@ -148,6 +152,7 @@ def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identi
         assert distance(fit, found.beta) < 0.05
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
     project: Path, log: Experiment, fit: Identification
 ) -> None:
@@ -162,6 +167,7 @@ def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
     assert found.settings["closed_loop"]["steps"] == fit.settings["closed_loop"]["steps"]
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_kinds_of_starts(arm: Experiment, arm_truth: Array) -> None:
     robot = arm.robot
     values = dict(zip(robot.base_parameters.names, (2.0 * arm_truth).tolist(), strict=True))
@@ -257,9 +263,10 @@ def slack() -> Experiment:
 
 @pytest.fixture(scope="module")
 def slack_fit(slack: Experiment) -> Identification:
-    return identify(slack, plain_didim())
+    return plain_didim().run(slack, Reporter())
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_a_step_that_would_leave_the_robots_is_shortened(
     slack: Experiment, slack_fit: Identification
 ) -> None:
@@ -275,6 +282,7 @@ def test_a_step_that_would_leave_the_robots_is_shortened(
     assert bold.history[0].more["largest_safe_step"] < 1.0
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_errors_are_those_of_the_parameters_reached(slack: Experiment) -> None:
     """After a shortened step they are not the parameters that least squares found, which explain more."""
     short = identify(slack, plain_didim(max_iterations=1))
@@ -284,6 +292,7 @@ def test_errors_are_those_of_the_parameters_reached(slack: Experiment) -> None:
     assert short.output_error[1] == short.history[0].more["output_error_after"]
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("gain_updating", ["always", "never"])
 def test_gain_updating_leaves_the_result_alone(
     log: Experiment, fit: Identification, gain_updating: GainUpdating
@@ -293,6 +302,7 @@ def test_gain_updating_leaves_the_result_alone(
     assert distance(fit, found.beta) < 0.05
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_gain_updating_also_where_steps_are_shortened(slack: Experiment, slack_fit: Identification) -> None:
     always = identify(slack, plain_didim(gain_updating="always"))
     assert always.converged
@@ -345,6 +355,7 @@ def test_history_and_counts(log: Experiment, fit: Identification, truth: Array) 
     assert len(fit.settings["closed_loop"]["laws"]) == 6
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_the_residual_rule_alone_stops_too(log: Experiment, fit: Identification) -> None:
     """The paper's rule, with the absolute value of the change."""
     by_residual = identify(log, plain_didim(sigma_fraction=0.0, tolerance=0.025))
@@ -414,6 +425,7 @@ def test_a_step_of_the_integration_that_is_too_large_is_told(log: Experiment) ->
 # Several windows and recordings, fixed parameters, delay.
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array) -> None:
     (recording,) = arm.recordings
     other = arm_log(2).recordings[0]
@@ -439,6 +451,7 @@ def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array
         assert 1.01 < mixed.beta[index] / arm_truth[index] < 1.095, name
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_held_out_recordings_are_predicted_and_not_fitted(arm: Experiment, arm_truth: Array) -> None:
     other = replace(arm_log(2).recordings[0], role="held-out")
     assert other.tau is not None
@@ -449,6 +462,7 @@ def test_held_out_recordings_are_predicted_and_not_fitted(arm: Experiment, arm_t
     assert found.held_out[0].overall_relative_error == pytest.approx(0.1 / 1.1, abs=0.01)
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_fixed_and_dropped_parameters(arm: Experiment, arm_truth: Array) -> None:
     names = arm.robot.base_parameters.names
     exact = float(arm_truth[names.index("Fc1")])
@@ -464,6 +478,7 @@ def test_fixed_and_dropped_parameters(arm: Experiment, arm_truth: Array) -> None
     assert 0.001 < without.overall_relative_error < 0.3
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_a_delay_of_the_torques_is_taken_back(arm: Experiment, arm_truth: Array) -> None:
     (recording,) = arm.recordings
     assert recording.tau is not None

@@ -36,7 +36,7 @@ from scripts import script
 from test_published import DECIDED_BY_ROUNDING
 from test_simulation import tx40
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Row = list[str]
 

@@ -21,6 +21,8 @@ from didim.robot.payload import Payload, last_link
 from scripts import script
 from several import DISC, arm_logs
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 Array = NDArray[np.float64]
 
 GAINS = np.array([9.0, 5.0])

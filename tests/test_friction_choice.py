@@ -23,7 +23,7 @@ from didim.result.iteration import Reporter
 from didim.robot.friction import FrictionTerm
 from test_friction_terms import log, motion, parameters, planar
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 
 def test_the_terms_of_a_log_are_found_and_no_others() -> None:

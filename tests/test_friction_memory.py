@@ -20,6 +20,8 @@ from didim.robot.robot_text import robot_text
 from didim.studies.simulated_log import simulated_log
 from test_friction_terms import log, motion, parameters, planar
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 HELD = (
     FrictionTerm(law="hold", joint=0),
     FrictionTerm(law="stribeck", joint=0, velocity=0.3),

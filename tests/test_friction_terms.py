@@ -14,7 +14,7 @@ from didim.model.dynamics import rigid_torque
 from didim.robot.friction import Friction, FrictionTerm
 from didim.robot.robot import Robot
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 RATE = 200.0
 

@@ -25,7 +25,7 @@ from didim.signal.processing import SignalProcessing
 from didim.studies.simulated_log import measured, simulated_log
 from didim.studies.validation import validate
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 SEEDS = 8
 

@@ -17,6 +17,8 @@ from didim.loop.reference import Reference
 from didim.signal.spectrum import contiguous_band
 from simulated import experiment
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 Array = NDArray[np.float64]
 ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.01)
 X = ROBOT.parameter_set("reference")

@@ -17,7 +17,7 @@ from didim.loop.reference import Reference
 from didim.signal.segments import motion_of
 from simulated import RATE_HZ, experiment, log, motion
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.05)
 X = ROBOT.parameter_set("reference")

@@ -17,7 +17,7 @@ from didim.signal.filters import central_differences
 from didim.signal.noise import encoder_noise, encoder_step, stamp_noise, white_noise
 from didim.signal.processing import Form
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Array = NDArray[np.float64]
 

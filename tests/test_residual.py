@@ -23,7 +23,7 @@ from didim.studies.loads.residual import residual_torques
 from several import arm_logs
 from test_payload import LOAD, loaded, tx40_log
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,8 @@ from didim.experiment.experiment import Experiment
 from didim.result.identification import Identification
 from friction_logs import coulomb, logged, robot, truth
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 
 def errors_in_sigma(arm: str, counts: int) -> tuple[list[Identification], np.ndarray]:
     fits = [

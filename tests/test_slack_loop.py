@@ -50,6 +50,7 @@ def iterated(experiment: Experiment, method: DIDIM, most: int = 60) -> Identific
     return identify(experiment, finer)
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("tolerance", [1e-3, 0.025])
 @pytest.mark.parametrize("frequency_hz", [1.0, 2.0])
 def test_the_fixed_point_is_no_farther_than_the_result_says(frequency_hz: float, tolerance: float) -> None:
@@ -68,6 +69,7 @@ def test_the_fixed_point_is_no_farther_than_the_result_says(frequency_hz: float,
     assert f"at most {last['remaining_sigma']:.2g}" in remark
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_physical_iterations_end_there_too(slack: Experiment) -> None:
     log = noisy(slack)
     fit = identify(log, DIDIM(sigma_fraction=0.0, tolerance=0.025))
@@ -77,6 +79,7 @@ def test_physical_iterations_end_there_too(slack: Experiment) -> None:
     assert distance(fit, end) <= fit.history[-1].more["remaining_sigma"] <= 2.0 * NEAR
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_standard_deviations_are_those_of_the_fixed_point(slack: Experiment) -> None:
     """Errors of eight logs are about one standard deviation, which for some parameters is far from that of a tight loop."""
     truth = slack.robot.base_parameters.project(slack.robot.parameter_set("reference"))
@@ -99,6 +102,7 @@ def test_a_tight_loop_takes_one_simulation_more_and_no_step() -> None:
     assert fit.n_simulations == fit.n_iterations + 3
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     """``F(beta) - beta* = J (beta - beta*)`` for a change of the parameters near the fixed point."""
     log = noisy(slack)
@@ -129,6 +133,7 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     assert response.rate == pytest.approx(np.abs(np.linalg.eigvals(jacobian)).max())
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_a_place_without_steps_left_says_how_far_it_is(slack: Experiment) -> None:
     log = noisy(slack)
     fit = identify(log, plain_didim(sigma_fraction=0.0, tolerance=0.025))
@@ -152,6 +157,7 @@ def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
     assert any("each step is" in remark or "steps do not shrink" in remark for remark in fit.remarks)
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there(digital: Experiment) -> None:
     """Conditions hold directions that the motion follows, and Newton's method knows it.
 
@@ -204,6 +210,7 @@ def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one(d
     assert np.linalg.norm(error) < 0.05 * np.linalg.norm(triangle @ step)
 
 
+@pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("physical", [True, False])
 def test_a_run_at_rest_has_converged_though_no_step_comes_nearer(
     slack: Experiment, physical: bool, monkeypatch: pytest.MonkeyPatch

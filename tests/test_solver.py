@@ -26,6 +26,8 @@ from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
 from didim.studies.simulated_log import simulated_log
 
+pytestmark = pytest.mark.usefixtures("without_verdict")
+
 Array = NDArray[np.float64]
 
 

@@ -11,7 +11,7 @@ import didim
 from didim.signal.spikes import hampel
 from didim.studies.prediction import predict, relative_errors
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 
 def torques(seed: int = 0, n: int = 4000) -> np.ndarray:

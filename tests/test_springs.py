@@ -22,7 +22,7 @@ from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 from test_export_c import check
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 COLUMNS = {
     "position": "act_pos_mot_deg",

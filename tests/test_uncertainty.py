@@ -24,7 +24,7 @@ from didim.result.uncertainty import student_factor
 from didim.studies.prediction import predict
 from didim.studies.simulated_log import measured, simulated_log
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from didim.cli.main import main
 from didim.errors import DidimError, RecordingError
 from didim.experiment.specs import ReferenceSpec
 
-pytestmark = pytest.mark.usefixtures("without_causes")
+pytestmark = pytest.mark.usefixtures("without_verdict")
 
 FILE = """schema = 1
 name = "reference alone"
