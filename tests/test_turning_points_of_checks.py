@@ -15,12 +15,12 @@ import didim
 from didim.diagnosis.bandwidth import check_bandwidth
 from didim.diagnosis.channels import Channel, _clipped, _coarse, _jumps, _stuck
 from didim.diagnosis.check import FEWEST_SPIKES, _causes
-from didim.diagnosis.late import check_delay
 from didim.diagnosis.limits import check_limits
 from didim.diagnosis.reference import _joint, _quiet, _recording
 from didim.diagnosis.sampled import time_findings
 from didim.diagnosis.standstill import check_standstill
 from didim.evidence.hypotheses.hypothesis import best_factor
+from didim.evidence.lasting import joint_delay_findings
 from didim.evidence.residual import spike_findings
 from didim.log.sampling import TimeFault
 from plain import stub
@@ -217,9 +217,7 @@ def test_a_recording_that_is_too_slow(loss: float, told: int, monkeypatch: pytes
 )
 def test_late_torques(samples: float, gain: float, told: int) -> None:
     estimate = stub(joints=[samples, samples], gain=gain, differs=False)
-    log = stub(recordings=[stub(rate_hz=100.0)])
-    job = stub(declared_delay=stub(samples=0.0), estimate_delay=lambda: estimate, experiment=log)
-    assert len(check_delay(job)) == told
+    assert len(joint_delay_findings(estimate, np.zeros(2), 100.0)) == told
 
 
 @pytest.mark.parametrize(

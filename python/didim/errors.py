@@ -91,3 +91,24 @@ class PlotError(DidimError):
 
 class RobotWarning(UserWarning):
     """A robot file that is probably not as intended."""
+
+
+class CoreErrorsAs:
+    """Context in which a wrong argument of the numerical core is an error of this package, with the core's sentence.
+
+    Parameters
+    ----------
+    error : type of DidimError
+        Class of the error to raise.
+    """
+
+    def __init__(self, error: type[DidimError]) -> None:
+        self._error = error
+
+    def __enter__(self) -> None:
+        """Begin the context."""
+
+    def __exit__(self, kind: object, reason: object, traceback: object) -> None:
+        """Raise the core's `ValueError` as the error of this package."""
+        if isinstance(reason, ValueError):
+            raise self._error(str(reason)) from None

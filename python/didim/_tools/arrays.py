@@ -66,6 +66,11 @@ def quotient(values: Array, sizes: Array, otherwise: float = 0.0) -> Array:
     return np.asarray(np.divide(values, sizes, out=out, where=sizes > 0.0))
 
 
+def rms(values: Array) -> Array:
+    """Return the root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
 def relative_percent(std: Array, values: Array) -> Array:
     """Equation (11): standard deviations in percent of the size of their values; NaN for values of zero."""
     with np.errstate(over="ignore"):  # infinite for tiny values

@@ -11,6 +11,7 @@ from dataclasses import fields
 from typing import Any
 
 from ..errors import DidimError
+from .plugins import optional
 
 Rows = Sequence[Sequence[str]]
 """Heading and cells of a table."""
@@ -99,8 +100,4 @@ def pandas() -> Any:
     DidimError
         When it is not installed.
     """
-    try:
-        import pandas as module
-    except ImportError:
-        raise DidimError("to_dataframe() needs pandas: pip install pandas") from None
-    return module
+    return optional("pandas", DidimError, "to_dataframe() needs pandas: pip install pandas")

@@ -49,7 +49,7 @@ def loaded(place: str, what: str, error: type[DidimError]) -> Any:
     module, _, name = place.partition(":")
     search((Path.cwd(),))
     try:
-        found = import_module(module)
+        content = import_module(module)
     except ModuleNotFoundError as reason:
         if reason.name is None or not f"{module}.".startswith(f"{reason.name}."):
             raise error(f"{what} '{place}': its module needs {reason.name}, which is not installed") from None
@@ -60,9 +60,17 @@ def loaded(place: str, what: str, error: type[DidimError]) -> Any:
         raise error(
             f"{what} '{place}': its module cannot be loaded ({type(reason).__name__}: {reason})"
         ) from reason
-    if not hasattr(found, name):
-        raise error(f"{what} '{place}': module '{module}' has no '{name}'{did_you_mean(name, vars(found))}")
-    return getattr(found, name)
+    if not hasattr(content, name):
+        raise error(f"{what} '{place}': module '{module}' has no '{name}'{did_you_mean(name, vars(content))}")
+    return getattr(content, name)
+
+
+def optional(module: str, error: type[DidimError], needed: str) -> Any:
+    """Return a module of an optional package; `needed` is the sentence of the error without it."""
+    try:
+        return __import__(module, fromlist=["*"])
+    except ImportError:
+        raise error(needed) from None
 
 
 def search(folders: Iterable[Path]) -> None:

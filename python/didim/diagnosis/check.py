@@ -20,7 +20,7 @@ from .._tools.progress import ProgressLine
 from ..errors import DidimError, FitError, SignalError
 from ..evidence.causes import Search
 from ..evidence.gain_check import unchecked
-from ..evidence.lasting import delay_findings
+from ..evidence.lasting import delay_findings, joint_delay_findings
 from ..evidence.loop.law import Recovered, loop_findings, recovered
 from ..evidence.naming import cause_findings
 from ..evidence.residual import spike_findings
@@ -46,7 +46,6 @@ from .bandwidth import check_bandwidth
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Findings
-from .late import check_delay
 from .limits import check_limits
 from .reference import check_reference
 from .sampled import time_findings
@@ -282,7 +281,7 @@ def _model(
         found += loop_findings(experiment, base.lift(rows.beta), shown)
     if job.delay_setting != "estimate":
         late = delay_findings(rows, np.zeros(0), obeyed=False)
-        found += late if late or rows.hopeless else check_delay(job)
+        found += late if late or rows.hopeless else _joint_delays(job)
     notes += [item.sentence for item in unchecked(rows)]
     n_rows = sum(len(part.q) for part in parts) / math.prod(job.signal.decimation)
     return [*found, *own, *check_excitation(rows, n_rows)]
@@ -320,8 +319,14 @@ def _between(job: Job, parts: Sequence[Segment], beta: Array | None) -> list[Fin
     return [*loads, *drift_findings(job, drift_of(job, system, fit))]
 
 
-def _factor(value: float) -> str:
-    return f"{value:.3f}" if abs(value) < SHOWN else "-"
+def _joint_delays(job: Job) -> list[Finding]:
+    """Return the delays that fit each joint best, where they are not those that are compensated."""
+    try:
+        estimate = job.estimate_delay()
+    except DidimError:  # no delay fits best, or the recordings are too short or of several rates
+        return []
+    declared = np.asarray(job.declared_delay.samples)
+    return joint_delay_findings(estimate, declared, job.experiment.recordings[0].rate_hz)
 
 
 def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
@@ -329,8 +334,9 @@ def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
     if shown is None:
         return ()
     names, factors, _ = shown.keys()
+    cells = [[f"{value:.3f}" if abs(value) < SHOWN else "-" for value in row] for row in factors]
     rows = [
-        (str(joint + 1), *map(_factor, column), f"{100.0 * left:.2g}" if left < SHOWN else "-")
-        for joint, (column, left) in enumerate(zip(factors.T, shown.relative, strict=True))
+        (str(joint + 1), *column, f"{100.0 * left:.2g}" if left < SHOWN else "-")
+        for joint, (column, left) in enumerate(zip(zip(*cells, strict=True), shown.relative, strict=True))
     ]
     return (("joint", *names, "left %"), *rows)

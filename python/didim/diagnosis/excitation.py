@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, rms
 from .._tools.words import joints_text
 from ..evidence.rows import LogRows
 from ..model.dynamics import regressor
@@ -34,7 +34,7 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
     robot = rows.robot
     q, dq, ddq = (np.concatenate([getattr(part, key) for part in rows.parts]) for key in ("q", "dq", "ddq"))
     alike = np.equal.outer(robot.joint_kinds, robot.joint_kinds)
-    speed, acceleration = (np.sqrt(np.mean(values**2, axis=0)) for values in (dq, ddq))
+    speed, acceleration = (rms(values) for values in (dq, ddq))
     fastest, hardest = (np.max(alike * values, axis=1) for values in (speed, acceleration))
     resting = np.flatnonzero(speed <= RESTING * fastest)
     if len(resting) == rows.n:
@@ -80,7 +80,7 @@ def _shares(
     w = regressor(robot, rng.uniform(low, high, shape), *(rng.normal(0.0, size, shape) for size in rich))
     b = len(rows.beta)
     w = w[:, :, list(robot.base_parameters.indices)] / rows.products.scale[:b]
-    effect = np.max(np.sqrt(np.mean(w**2, axis=0)) / torque[:, None], axis=0)
+    effect = np.max(rms(w) / torque[:, None], axis=0)
     # What the logs have beside the robot acts in them alone.
     effect = np.append(effect, np.ones(len(information) - b))
     # A weak prior in these units: it only affects parameters that the log does not identify.

@@ -15,6 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient
 from ..model.dynamics import rigid_torque
+from ..regression.delay import DelayEstimate
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from .products import Judged
@@ -35,6 +36,12 @@ FALLING = frozenset({"stribeck", "atan"})
 """Laws by which a model's friction falls with speed."""
 HOLD = (0.3, 0.7)
 """Range of delays, in samples ahead of the motion, explained by the hold of a digital controller at the log's rate."""
+SMALLEST_GAIN = 0.05
+"""Smallest share of the residual that delays joint by joint must remove to be reported."""
+ESTIMATE_DELAY = Remedy(
+    file="experiment", table="[delay]", key="compensate_samples", action="set", value="estimate"
+)
+"""Edit that has delays estimated and compensated."""
 CLEARLY = 0.97
 """Ratio of a joint's squared error with a further friction term to that without, below which the joint is named."""
 
@@ -116,12 +123,45 @@ def delay_findings(rows: LogRows, std: Array, *, obeyed: bool) -> list[Finding]:
             value=late,
             deviation=float(judged.std[-1]),
             effect=effect,
-            remedy=Remedy(
-                file="experiment", table="[delay]", key="compensate_samples", action="set", value="estimate"
-            ),
+            remedy=ESTIMATE_DELAY,
             facts={
                 "seconds": abs(late) / rows.parts[0].rate_hz,
                 "held": -HOLD[1] < late < -HOLD[0],
+            },
+        )
+    ]
+
+
+def joint_delay_findings(estimate: DelayEstimate, declared: Array, rate_hz: float) -> list[Finding]:
+    """Return the torques of some joints, or of all, that are late by an estimate joint by joint.
+
+    This finds delays of several samples, and of single joints, which `delay_findings` does not.
+
+    Parameters
+    ----------
+    estimate : DelayEstimate
+        Delays of the log.
+    declared : (n,) array
+        Delays (samples) that the experiment compensates.
+    rate_hz : float
+        Samples per second.
+    """
+    late = np.array(estimate.joints) - declared
+    worst = float(late[np.argmax(np.abs(late))])
+    if abs(worst) < SMALLEST_SAMPLES or estimate.gain < SMALLEST_GAIN:
+        return []
+    alike = np.flatnonzero(np.abs(late - worst) < SMALLEST_SAMPLES)
+    return [
+        Finding(
+            code="delay",
+            grade="doubtful",
+            joints=() if len(alike) == len(late) else tuple(int(joint) + 1 for joint in alike),
+            value=worst,
+            remedy=ESTIMATE_DELAY,
+            facts={
+                "seconds": abs(worst) / rate_hz,
+                "gain": estimate.gain,
+                "samples": [round(value, 2) for value in estimate.joints],
             },
         )
     ]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, rms
 from ..model.dynamics import inverse_dynamics
 from ..regression.block import Block, stacked
 from ..regression.logs.parameters import LogParameters
@@ -66,7 +66,7 @@ class Residual:
     @property
     def size(self) -> Array:
         """Root mean square of the torques, (n,)."""
-        return np.asarray(np.sqrt(np.mean(self.torque**2, axis=1)))
+        return rms(self.torque.T)
 
     def share(self, growth: float = 1.0) -> float:
         """Lasting error of all joints together over their torques."""

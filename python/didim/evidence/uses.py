@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, rms
 from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
 from ..result.finding import Finding
 from ..result.identification import Identification
@@ -60,7 +60,7 @@ class Motions:
         q, dq, ddq = (np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "dq", "ddq"))
         low, high = np.quantile(q, TAILS, axis=0)
         shape = (STATES, q.shape[1])
-        sizes = (np.sqrt(np.mean(values**2, axis=0)) for values in (dq, ddq))
+        sizes = (rms(values) for values in (dq, ddq))
         return cls(rng.uniform(low, high, shape), *(rng.normal(0.0, size, shape) for size in sizes))
 
 

@@ -73,6 +73,13 @@ class Filters:
     reason: str
     errors: tuple[tuple[float, float], ...] = field(default=())
 
+    @property
+    def signal(self) -> SignalProcessing:
+        """Settings of the positions' filter, the trimming and the decimation."""
+        return SignalProcessing(
+            cutoff_hz=self.cutoff_hz, trim_start=self.trim, trim_end=self.trim, decimation=self.decimation
+        )
+
 
 def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable: bool) -> Filters:
     """Choose the filters of a log.
@@ -161,7 +168,7 @@ def _held_out_error(
 
     All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
     """
-    signal = SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
+    signal = Filters(cutoff, trim, stages, "").signal
     count = len(robot.base_parameters.names)
     every = Selection(roles=tuple("estimated" for _ in range(count)), values=np.zeros(count))
     try:
@@ -173,15 +180,10 @@ def _held_out_error(
     for block in system.blocks:
         rows = block.rows.stop - block.rows.start
         held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
-    beta = _solution(system, ~held)
-    errors = []
-    for joint in system.joints:
-        rows_of = np.flatnonzero(held[joint]) + joint.start
-        size = np.linalg.norm(system.y[rows_of])
-        errors.append(
-            np.linalg.norm(system.y[rows_of] - system.w[rows_of] @ beta) / max(size, np.finfo(float).tiny)
-        )
-    return float(np.sqrt(np.mean(np.square(errors)))) if np.isfinite(errors).all() else None
+    residual = system.y - system.w @ _solution(system, ~held)
+    error, size = (system.norms(np.where(held, values, 0.0)) for values in (residual, system.y))
+    shares = error / np.maximum(size, np.finfo(float).tiny)
+    return float(np.sqrt(np.mean(shares**2))) if np.isfinite(shares).all() else None
 
 
 def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:

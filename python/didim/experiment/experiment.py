@@ -169,14 +169,8 @@ class Experiment:
             return made
         comparable = all(item.tau is not None and item.drives is None for item in recordings)
         filters = choose_filters(robot, recordings, comparable=comparable)
-        signal = SignalProcessing(
-            cutoff_hz=filters.cutoff_hz,
-            trim_start=filters.trim,
-            trim_end=filters.trim,
-            decimation=filters.decimation,
-        )
         note = f"filters were chosen, {sentence_of(filters)}; signal=didim.SignalProcessing(...) sets others"
-        return replace(made, signal=signal, remarks=(*made.remarks, note))
+        return replace(made, signal=filters.signal, remarks=(*made.remarks, note))
 
     def __repr__(self) -> str:
         named = ", ".join(f"{item.name!r} {item.t[-1] - item.t[0]:g} s" for item in self.recordings)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.inputs import check_expanded
+from .._tools.plugins import optional
 from ..errors import RecordingError
 from .array_file import ArrayFile, MatFile
 
@@ -44,14 +45,8 @@ class Hdf5File(ArrayFile):
             return np.array(item)
 
     def _library(self) -> Any:
-        try:
-            import h5py
-        except ImportError:
-            raise RecordingError(
-                f"{self.name}: HDF5 and MATLAB 7.3 files need the package h5py: pip install 'didim[hdf5]', or "
-                "save with '-v7' in MATLAB"
-            ) from None
-        return h5py
+        needed = "HDF5 and MATLAB 7.3 files need the package h5py: pip install 'didim[hdf5]', or save with '-v7' in MATLAB"
+        return optional("h5py", RecordingError, f"{self.name}: {needed}")
 
 
 class Mat73File(Hdf5File):

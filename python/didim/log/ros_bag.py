@@ -17,6 +17,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.inputs import check_expanded, check_input
+from .._tools.plugins import optional
 from .._tools.words import counted, did_you_mean, listing
 from ..errors import RecordingError
 from .data_format import Column
@@ -149,19 +150,16 @@ class RosBag:
         return row
 
     def _read(self, path: Path, topic: str | None) -> list[_Message]:
-        try:
-            from rosbags.highlevel import AnyReader
-            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-        except ImportError:
-            raise RecordingError(
-                f"{self.name}: ROS bags need the package rosbags: pip install 'didim[ros]'"
-            ) from None
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        store.register(get_types_from_msg(CONTROLLER_DEFINITION, CONTROLLER_STATE))
+        needed = f"{self.name}: ROS bags need the package rosbags: pip install 'didim[ros]'"
+        reading, types = (
+            optional(f"rosbags.{part}", RecordingError, needed) for part in ("highlevel", "typesys")
+        )
+        store = types.get_typestore(types.Stores.ROS2_HUMBLE)
+        store.register(types.get_types_from_msg(CONTROLLER_DEFINITION, CONTROLLER_STATE))
         # A .db3 file is one part of the folder that describes it.
         inside = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file() else path
         try:
-            with AnyReader([inside], default_typestore=store) as reader:
+            with reading.AnyReader([inside], default_typestore=store) as reader:
                 self.topic = self._topic({c.topic: c.msgtype for c in reader.connections}, topic)
                 chosen = [c for c in reader.connections if c.topic == self.topic]
                 found = [

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 import didim._core as _core
 
-from .._tools.arrays import Array, real_array
+from .._tools.arrays import Array, real_array, rms
 from .._tools.settings import one_of, whole
 from .._tools.threads import MOST_THREADS, core_threads
-from ..errors import SimulationError
+from ..errors import CoreErrorsAs, SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
 from .memory import BALANCE, ControllerMemory
@@ -224,10 +224,8 @@ class ClosedLoop:
             All cores by default; the bits do not depend on it.
         """
         scale = self._scale_of(x, gain_scale, threads)
-        try:
+        with CoreErrorsAs(SimulationError):
             arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
-        except ValueError as reason:
-            raise SimulationError(str(reason)) from None
         outcomes = outcomes_of(endings)
         for candidate, outcome in enumerate(outcomes):
             if outcome.time_s is not None:
@@ -260,12 +258,10 @@ class ClosedLoop:
             Weights of squared position and torque errors.
         """
         scale = self._scale_of(x, gain_scale, threads)
-        try:
+        with CoreErrorsAs(SimulationError):
             costs, endings = _core.simulate_cost(
                 self.core, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), core_threads(threads)
             )
-        except ValueError as reason:
-            raise SimulationError(str(reason)) from None
         return costs, outcomes_of(endings)
 
     def _scale_of(self, x: Array, gain_scale: Array | None, threads: int | None) -> Array:
@@ -286,8 +282,8 @@ class ClosedLoop:
         (fine_q, _, _, fine_tau), _ = self.divided(2).run(x[None], gain_scale=gain_scale, threads=threads)
         factor = 16.0 / 15.0 if self.integrator == "rk4" else 8.0 / 7.0
         error_q = factor * np.abs(fine_q[0] - q).max(axis=0)
-        error = factor * np.sqrt(np.mean((fine_tau[0] - tau) ** 2, axis=0))
-        size = np.sqrt(np.mean(fine_tau[0] ** 2, axis=0))
+        error = factor * rms(fine_tau[0] - tau)
+        size = rms(fine_tau[0])
         share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
         # If the run with half the steps ends early, the error is unknown (NaN).
         return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
@@ -352,7 +348,7 @@ def _schedule(
 ) -> _core.Schedule:
     _check_steps(steps, controller.core.period, (records - 1) / rate)
     near = (NEAR_ZERO if motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
-    try:
+    with CoreErrorsAs(SimulationError):
         return _core.Schedule(
             robot.core,
             reference.core,
@@ -364,8 +360,6 @@ def _schedule(
             slow=[near * value for value in robot.friction.smoothing],
             motion=None if motion is None else motion.core,
         )
-    except ValueError as reason:
-        raise SimulationError(str(reason)) from None
 
 
 def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:

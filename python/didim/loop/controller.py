@@ -21,7 +21,7 @@ import didim._core as _core
 from .._tools.arrays import Array, real_array
 from .._tools.notebook import Brief
 from .._tools.pickling import Pickled
-from ..errors import ControllerError
+from ..errors import ControllerError, CoreErrorsAs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,10 +287,8 @@ class Controller(Pickled, Brief):
                 )
             resolution = resolution * (self.n_dof if len(resolution) == 1 else 1)
             digital = (d.sample_time_s, d.delay_samples, d.smoothing, resolution)
-        try:
+        with CoreErrorsAs(ControllerError):
             return _core.Controller(rows, digital, self.feedforward)
-        except ValueError as reason:
-            raise ControllerError(str(reason)) from None
 
     def _named(self, kind: str) -> Controller:
         return replace(self, kind=kind)

@@ -17,7 +17,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, real_array
 from .._tools.notebook import Brief
-from ..errors import ReferenceError
+from ..errors import CoreErrorsAs, ReferenceError
 
 KNOTS_PER_PERIOD = 100
 """Polynomial pieces per period of the highest harmonic of a Fourier series: the error is rounding."""
@@ -297,8 +297,6 @@ def _matrix(name: str, value: ArrayLike) -> Array:
 
 def _made(kind: str, maker: str, arguments: tuple[Any, ...]) -> Reference:
     """Make a reference by a function of the core."""
-    try:
+    with CoreErrorsAs(ReferenceError):
         core = getattr(_core.Reference, maker)(*arguments)
-    except ValueError as reason:
-        raise ReferenceError(str(reason)) from None
     return Reference(core, kind, (maker, arguments))

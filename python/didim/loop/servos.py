@@ -16,7 +16,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
-from ..errors import SimulationError
+from ..errors import CoreErrorsAs, SimulationError
 from ..robot.robot import Robot
 from .closed_loop import ClosedLoop
 from .controller import Controller
@@ -199,7 +199,7 @@ class ServoLoop:
             lead,
             number.reshape(-1, 1),
         ]
-        try:
+        with CoreErrorsAs(SimulationError):
             q, endings = _core.simulate_servos(
                 loop.core,
                 np.ascontiguousarray(x),
@@ -207,8 +207,6 @@ class ServoLoop:
                 targets,
                 core_threads(threads),
             )
-        except ValueError as reason:
-            raise SimulationError(str(reason)) from None
         completed = np.array([outcome.completed for outcome in outcomes_of(endings)])
         q += b[:, None, :]
         q[~completed] = np.nan

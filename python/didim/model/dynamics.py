@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import LARGEST_POSITION, LARGEST_SQUARED, Array, real_array, surely_within
-from ..errors import IndefiniteError, ShapeError
+from ..errors import CoreErrorsAs, IndefiniteError, ShapeError
 from ..robot.robot import Robot
 from .memory import memory_columns
 
@@ -41,10 +41,8 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     vector = standard_vector(robot, x)
-    try:
+    with CoreErrorsAs(ShapeError):
         tau = _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
-    except ValueError as reason:
-        raise ShapeError(str(reason)) from None
     if robot.friction.has_memory:
         load = rigid_torque(robot, q, dq, ddq, vector) if robot.friction.has_load else None
         for name, joint, column in memory_columns(robot, q, dq, load):
@@ -92,10 +90,8 @@ def regressor(
         if x is None:
             raise ShapeError(f"robot {robot.name!r} has load friction: its regressor needs the parameters x")
         load = rigid_torque(robot, q, dq, ddq, standard_vector(robot, x))
-    try:
+    with CoreErrorsAs(ShapeError):
         w = _core.regressor(robot.core, q, dq, ddq, out, load)
-    except ValueError as reason:
-        raise ShapeError(str(reason)) from None
     for name, joint, column in memory_columns(robot, q, dq, load):
         w[:, joint, robot.parameter_names.index(name)] += column
     return w
@@ -108,10 +104,8 @@ def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Arr
     """
     rigid = np.array(x, dtype=np.float64)
     rigid[list(friction_places(robot))] = 0.0
-    try:
+    with CoreErrorsAs(ShapeError):
         return _core.inverse_dynamics(robot.core, q, dq, ddq, rigid)
-    except ValueError as reason:
-        raise ShapeError(str(reason)) from None
 
 
 def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
@@ -184,10 +178,8 @@ def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
     """
     positions = _matrix(robot, "q", q)
     vector = standard_vector(robot, x)
-    try:
+    with CoreErrorsAs(ShapeError):
         return _core.inertia_matrix(robot.core, positions, vector)
-    except ValueError as reason:
-        raise ShapeError(str(reason)) from None
 
 
 def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x: ArrayLike) -> Array:
@@ -221,10 +213,8 @@ def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x
     """
     positions, velocities = _matrix(robot, "q", q), _matrix(robot, "dq", dq)
     torques, vector = _matrix(robot, "tau", tau), standard_vector(robot, x)
-    try:
+    with CoreErrorsAs(ShapeError):
         ddq, indefinite = _core.direct_dynamics(robot.core, positions, velocities, torques, vector)
-    except ValueError as reason:
-        raise ShapeError(str(reason)) from None
     if indefinite is not None:
         sample, joint = indefinite
         raise IndefiniteError(

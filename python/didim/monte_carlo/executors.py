@@ -6,7 +6,6 @@ Any other `concurrent.futures.Executor` can be passed as an object. Tested in ``
 from __future__ import annotations
 
 import contextlib
-import importlib
 import multiprocessing
 import os
 import threading
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any
 
+from .._tools.plugins import optional
 from .._tools.settings import whole
 from .._tools.threads import NUMPY_VARIABLES, VARIABLE
 from ..errors import StudyError
@@ -281,7 +281,4 @@ def _ray_session(workers: int | None, address: str | None) -> Iterator[Any]:
 
 
 def _needed(module: str, install: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as reason:
-        raise StudyError(f"this executor needs {module}: pip install {install} ({reason})") from None
+    return optional(module, StudyError, f"this executor needs {module}: pip install {install}")

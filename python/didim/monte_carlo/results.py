@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
+from .._tools.plugins import optional
 from .._tools.words import counted
 from ..errors import StudyError
 from .figures import Estimate, Figures, figures_of
@@ -125,13 +126,10 @@ class StudyResults(Printed):
         StudyError
             Without pyarrow.
         """
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError:
-            raise StudyError("Parquet files need pyarrow: pip install pyarrow") from None
+        needed = "Parquet files need pyarrow: pip install pyarrow"
+        arrow, parquet = (optional(name, StudyError, needed) for name in ("pyarrow", "pyarrow.parquet"))
         content = io.BytesIO()
-        pyarrow.parquet.write_table(pyarrow.table(self.columns()), content)
+        parquet.write_table(arrow.table(self.columns()), content)
         write_atomically(Path(path), content.getvalue())
 
     def missing(self) -> str:

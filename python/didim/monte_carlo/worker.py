@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, rms
 from .._tools.plugins import loaded, search, source_digest
 from .._tools.threads import VARIABLE
 from .._tools.version import __version__
@@ -190,9 +190,9 @@ def _truth_row(task: Task) -> dict[str, Any]:
         "truth": _plain(model.beta),
         "samples": len(clean.q),
         "rate_hz": clean.rate_hz,
-        "torque_rms": _plain(np.sqrt(np.mean(clean.tau**2, axis=0))),
-        "torque_noise": _plain(np.sqrt(np.mean((noisy.tau - clean.tau) ** 2, axis=0))),
-        "position_noise": _plain(np.sqrt(np.mean((noisy.q - clean.q) ** 2, axis=0))),
+        "torque_rms": _plain(rms(clean.tau)),
+        "torque_noise": _plain(rms(noisy.tau - clean.tau)),
+        "position_noise": _plain(rms(noisy.q - clean.q)),
     }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.plugins import optional
 from ..errors import PlotError
 
 if TYPE_CHECKING:
@@ -84,10 +85,8 @@ def require() -> None:
     PlotError
         When matplotlib is missing; the message says how to install it.
     """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise PlotError("pictures and reports need matplotlib: pip install didim[plot]") from None
+    needed = "pictures and reports need matplotlib: pip install didim[plot]"
+    optional("matplotlib.figure", PlotError, needed)
 
 
 def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -23,7 +23,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array
 from .._tools.words import brief, series
-from ..errors import FitError, RankError
+from ..errors import CoreErrorsAs, FitError, RankError
 from .covariance import covariance
 from .fit import Fit, Progress
 from .linear_system import LinearSystem, check_solvable
@@ -76,10 +76,8 @@ def solve(
     for number in range(1, settings.solutions + 1):
         if number > 1:
             scale = per_row(system, 1.0 / joint_sigma(system, residual))
-        try:
+        with CoreErrorsAs(FitError):
             scaled = factored(system, scale)
-        except ValueError as reason:
-            raise FitError(str(reason)) from None
         if scaled.dependent:
             columns = tuple(index for index, _ in scaled.dependent)
             raise RankError(dependence_sentence(system.names, scaled.dependent), columns)

@@ -19,7 +19,7 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
 from .._tools.words import counted
-from ..errors import FitError
+from ..errors import CoreErrorsAs, FitError
 from ..model.dynamics import rigid_torque
 from ..model.memory import memory_columns
 from ..robot.robot import Robot
@@ -154,14 +154,12 @@ def observation(
     if robot.friction.has_load:
         x = robot.base_parameters.lift(np.zeros(len(robot.base_parameters.names)) if beta is None else beta)
         load = rigid_torque(robot, part.q, part.dq, part.ddq, x)
-    try:
+    with CoreErrorsAs(FitError):
         w = np.asarray(
             _core.observation(
                 robot.core, part.q, part.dq, part.ddq, columns, list(stages), core_threads(), load=load
             )
         )
-    except ValueError as reason:
-        raise FitError(str(reason)) from None
     for name, joint, column in memory_columns(robot, part.q, part.dq, load):
         place = robot.parameter_names.index(name)
         if place in columns:

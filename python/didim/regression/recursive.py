@@ -12,7 +12,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, quotient, real_array
 from .._tools.settings import whole
-from ..errors import FitError, RankError, ShapeError
+from ..errors import CoreErrorsAs, FitError, RankError, ShapeError
 from ..robot.robot import Robot
 from .least_squares import dependence_sentence
 from .selection import select
@@ -141,10 +141,8 @@ class Recursive:
         if not len(torque):
             return
         position, velocity, acceleration = motion
-        try:
+        with CoreErrorsAs(ShapeError):
             rows = _core.observation(self.robot.core, position, velocity, acceleration, self._columns, [], 1)
-        except ValueError as reason:
-            raise ShapeError(str(reason)) from None
         # The core fills columns, so this layout avoids a copy.
         w = np.asarray(rows).T.reshape(len(self._columns), self.robot.n_dof, len(torque))
         y = np.ascontiguousarray(torque.T)
@@ -232,10 +230,8 @@ class Recursive:
             # Triangles of a poor motion have few rows; the core names the missing parameters.
             missing = max(0, columns + 1 - len(target))
             stacked, target = np.pad(stacked, ((0, missing), (0, 0))), np.pad(target, (0, missing))
-            try:
+            with CoreErrorsAs(FitError):
                 solved = _core.least_squares(stacked, target)
-            except ValueError as reason:
-                raise FitError(str(reason)) from None
             if solved.dependent:
                 raise RankError(dependence_sentence(names, solved.dependent))
             solution = np.asarray(solved.solution)

@@ -147,10 +147,23 @@ def _held_out(f: Finding) -> str:
 
 def _delay(f: Finding) -> str:
     which = f"torque of {_joints(f)} looks" if f.joints else "torques look"
+    if "gain" in f.facts:  # estimated joint by joint
+        effect = f": without that {percent(f.facts['gain'])} % less is left of the torques"
+    else:
+        effect = f", which moves the parameters by {f.effect:.2g} sigma (rms)"
     return (
         f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
-        f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion, which moves the parameters by {f.effect:.2g} sigma (rms)"
+        f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion{effect}"
         + ("; a controller that holds its output leaves half a sample" if f.facts.get("held") else "")
+    )
+
+
+def _delay_advice(f: Finding) -> str:
+    key = 'compensate_samples = "estimate"'
+    if "samples" in f.facts:
+        key = f'compensate_samples = {f.facts["samples"]} or "estimate"'
+    return (
+        f"Write {'sample_time_s under [controller], or ' if f.facts.get('held') else ''}{key} under [delay]"
     )
 
 
@@ -366,13 +379,7 @@ WORDS: dict[str, Words] = {
         ),
         _always("Declare it under [controller], or log it"),
     ),
-    "delay": (
-        _delay,
-        lambda f: (
-            ("Write sample_time_s under [controller], or " if f.facts.get("held") else "Write ")
-            + 'compensate_samples = "estimate" under [delay]'
-        ),
-    ),
+    "delay": (_delay, _delay_advice),
     "drift": (_drift, _drift_advice),
     "friction": (_friction, _friction_advice),
     "model-error": (_model_error, _always("")),

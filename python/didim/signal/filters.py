@@ -18,7 +18,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, real_array
 from .._tools.threads import core_threads
-from ..errors import SignalError
+from ..errors import CoreErrorsAs, SignalError
 from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
 EXTENSION_PERIODS = 8.0
@@ -259,10 +259,8 @@ def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[
 
 def core_errors(run: Callable[[], Array]) -> Array:
     """Run a function of the core, and raise its error as a `SignalError`."""
-    try:
+    with CoreErrorsAs(SignalError):
         return run()
-    except ValueError as reason:
-        raise SignalError(str(reason)) from None
 
 
 def checked_columns(x: Array) -> Array:

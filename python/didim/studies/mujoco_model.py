@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._tools.inputs import check_input
+from .._tools.plugins import optional
 from ..errors import FitError
 from ..export.drives import Drives
 
@@ -21,12 +22,8 @@ def load_model(path: Path) -> Any:
     FitError
         Without the package mujoco, or for a file that it cannot load.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise FitError(
-            "a validation in MuJoCo needs the package mujoco: pip install 'didim[mujoco]'"
-        ) from None
+    needed = "a validation in MuJoCo needs the package mujoco: pip install 'didim[mujoco]'"
+    mujoco = optional("mujoco", FitError, needed)
     check_input(path, FitError)
     try:
         spec = mujoco.MjSpec.from_file(str(path))

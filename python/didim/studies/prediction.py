@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, rms
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop
@@ -122,7 +122,7 @@ def explained(predictions: Sequence[Prediction]) -> Array:
     squares = np.array([item.sizes for item in predictions], dtype=np.float64) ** 2
     column = np.sqrt(np.tensordot(rows, squares, axes=1) / rows.sum())
     measured = np.concatenate([item.measured for item in predictions])
-    torque = np.sqrt(np.mean(measured**2, axis=0))[:, None]
+    torque = rms(measured)[:, None]
     return np.asarray(quotient(column, torque).max(axis=0))
 
 

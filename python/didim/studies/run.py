@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, rms
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
 from .._tools.words import columned, did_you_mean
@@ -88,7 +88,7 @@ class SimulationReport(Printed):
         target = self.loop.reference.at(self.loop.t)[0]
         tracking = np.abs(self.arrays[0] - target).max(axis=0)
         columns = {"tracking error, largest": [f"{value:.3g}" for value in tracking]}
-        columns["torque, rms"] = [f"{value:.4g}" for value in np.sqrt(np.mean(self.arrays[3] ** 2, axis=0))]
+        columns["torque, rms"] = [f"{value:.4g}" for value in rms(self.arrays[3])]
         if self.recording is not None:
             lines.append(f"relative errors against recording '{self.recording.name}':")
         for name, values in self.errors.items():

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .._tools.arrays import Array
+from .._tools.plugins import optional
 from ..errors import PlotError
 from ..model.kinematics import frames
 from ..robot.robot import Robot
@@ -244,10 +245,7 @@ def _heat(share: float) -> tuple[int, int, int]:
 
 
 def _server(host: str, port: int, label: str) -> Any:
-    try:
-        import viser
-    except ImportError:
-        raise PlotError("didim view needs viser: pip install 'didim[view]'") from None
+    viser = optional("viser", PlotError, "didim view needs viser: pip install 'didim[view]'")
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # its banner, which would interrupt a printed result
             return viser.ViserServer(host=host, port=port, label=label, verbose=False)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, rms
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...result.finding import Finding, Grade
@@ -96,11 +96,7 @@ def compare_motions(signal: SignalProcessing, pieces: Sequence[Piece]) -> Motion
             moved += np.sum((q - q.mean(axis=0)) ** 2, axis=0)
     position = np.sqrt(missed / np.maximum(moved, np.finfo(float).tiny))
     slope, sigma = _slope(tau_s, tau)
-    return MotionComparison(position, slope, sigma, _rms(tau - tau_s), _rms(tau))
-
-
-def _rms(values: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+    return MotionComparison(position, slope, sigma, rms(tau - tau_s), rms(tau))
 
 
 def _slope(x: Array, y: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from ..._tools.plugins import optional
 from ...errors import FitError
 from ...robot.friction import FrictionTerm
 from ...robot.robot import Robot
@@ -118,10 +119,7 @@ def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
             raise FitError(
                 f"friction term {term.parameter} {_REFUSED[term.law]}: it has no place in a formula that is linear in parameters"
             )
-    try:
-        import sympy
-    except ImportError:
-        raise FitError("LaTeX of the model needs SymPy: pip install didim[latex]") from None
+    sympy = optional("sympy", FitError, "LaTeX of the model needs SymPy: pip install didim[latex]")
     joints = range(1, robot.n_dof + 1)
     q, dq, ddq = ([sympy.Symbol(f"{name}{j}", real=True) for j in joints] for name in ("q", "dq", "ddq"))
     base = robot.base_parameters

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..._tools.inputs import check_expanded, read_file
+from ..._tools.plugins import optional
 from ..._tools.words import did_you_mean, listing
 from ...errors import RecordingError
 from ..array_file import ArrayFile
@@ -43,12 +44,10 @@ class McapJsonFile(ArrayFile):
 
     def variables(self) -> list[str]:
         """Names of the numbers that all messages of a topic have."""
-        try:
-            from mcap.reader import make_reader
-        except ImportError:
-            self.fail("MCAP files with JSON messages need the package mcap: pip install 'didim[mcap]'")
+        needed = "MCAP files with JSON messages need the package mcap: pip install 'didim[mcap]'"
+        mcap = optional("mcap.reader", RecordingError, f"{self.name}: {needed}")
         rows: dict[str, list[Mapping[str, Any]]] = {}
-        for _, channel, message in make_reader(io.BytesIO(self.raw)).iter_messages():
+        for _, channel, message in mcap.make_reader(io.BytesIO(self.raw)).iter_messages():
             if channel.message_encoding == "json":
                 content = {"time": message.log_time / 1e9, **_flat(json.loads(message.data))}
                 rows.setdefault(channel.topic, []).append(content)

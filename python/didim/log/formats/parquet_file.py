@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..._tools.inputs import check_expanded, read_file, read_small_file
+from ..._tools.plugins import optional
 from ...errors import RecordingError
 from ..array_file import ArrayFile
 
@@ -63,14 +64,12 @@ class ParquetFile(ArrayFile):
         return values.reshape(len(column), -1)
 
     def _library(self) -> tuple[Any, Any]:
-        try:
-            import pyarrow
-            from pyarrow import parquet
-        except ImportError:
-            raise RecordingError(
-                f"{self.name}: Parquet files and LeRobot datasets need the package pyarrow: pip install 'didim[lerobot]'"
-            ) from None
-        return pyarrow, parquet
+        needed = "Parquet files and LeRobot datasets need the package pyarrow: pip install 'didim[lerobot]'"
+        arrow, parquet = (
+            optional(module, RecordingError, f"{self.name}: {needed}")
+            for module in ("pyarrow", "pyarrow.parquet")
+        )
+        return arrow, parquet
 
 
 def _is_numeric(types: Any, kind: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,10 +114,7 @@ class PayloadEstimate(Pickled, Printed):
         assert self.body_low is not None
         assert self.body_high is not None
         values = [BODY_FACTORS * part for part in (self.body, self.body_std, self.body_low, self.body_high)]
-        cells: list[tuple[str, ...]] = [("body", *BODY), ("unit", *BODY_UNITS)]
-        for title, numbers in zip(("estimate", "sigma", "95 % low", "95 % high"), values, strict=True):
-            cells.append((title, *(_text(x, s) for x, s in zip(numbers, values[1], strict=True))))
-        table = table_lines(list(zip(*cells, strict=True)), 2)
+        table = _estimates("body", BODY, BODY_UNITS, values)
         mass, x, y, z = values[0][:4]
         return [
             *table,
@@ -134,18 +131,9 @@ class PayloadEstimate(Pickled, Printed):
         if "MX" not in self.names and self.std[6:9].any():
             rows = sorted({*rows, 6, 7, 8})
         value, std = self.ten[rows], self.std[rows]
-        cells: list[tuple[str, ...]] = [
-            ("name", *(INERTIAL[k] for k in rows)),
-            ("unit", *(UNITS[INERTIAL[k]] for k in rows)),
-        ]
-        for title, numbers in (
-            ("estimate", value),
-            ("sigma", std),
-            ("95 % low", value - factor * std),
-            ("95 % high", value + factor * std),
-        ):
-            cells.append((title, *(_text(x, s) for x, s in zip(numbers, std, strict=True))))
-        return table_lines(list(zip(*cells, strict=True)), 2)
+        names = [INERTIAL[k] for k in rows]
+        values = (value, std, value - factor * std, value + factor * std)
+        return _estimates("name", names, [UNITS[name] for name in names], values)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists and numbers; NaN and infinity become None."""
@@ -171,6 +159,15 @@ class PayloadEstimate(Pickled, Printed):
             "body": body,
             **{key: plain(getattr(self, key)) for key in SAVED},
         }
+
+
+def _estimates(title: str, names: Sequence[str], units: Sequence[str], values: Sequence[Array]) -> list[str]:
+    """Return the lines of a table of estimates, their sigmas and both ends of their intervals, (n,) each."""
+    rows = [
+        (name, unit, *(_text(value, row[1]) for value in row))
+        for name, unit, row in zip(names, units, np.transpose(values), strict=True)
+    ]
+    return table_lines([(title, "unit", "estimate", "sigma", "95 % low", "95 % high"), *rows], 2)
 
 
 def _text(value: float, std: float) -> str:

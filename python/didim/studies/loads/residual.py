@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, rms
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ..._tools.saved import plain
@@ -127,9 +127,9 @@ class Residual(Pickled, Printed):
             n = item.torque.shape[1]
             rows = [
                 ("", *(f"joint {joint + 1}" for joint in range(n))),
-                ("rms along the motion", *(f"{value:.3f}" for value in _rms(item.torque))),
-                ("sigma of the prediction", *(f"{value:.3f}" for value in _rms(item.std))),
-                ("rms of the observer", *(f"{value:.3f}" for value in _rms(item.observed))),
+                ("rms along the motion", *(f"{value:.3f}" for value in rms(item.torque))),
+                ("sigma of the prediction", *(f"{value:.3f}" for value in rms(item.std))),
+                ("rms of the observer", *(f"{value:.3f}" for value in rms(item.observed))),
                 ("its limit, median", *(f"{value:.3f}" for value in np.median(item.limits, axis=0))),
             ]
             lines += ["", f"recording '{item.recording}', {item.t[0]:.3f} to {item.t[-1]:.3f} s"]
@@ -151,9 +151,9 @@ class Residual(Pickled, Printed):
             "windows": [
                 {
                     "recording": item.recording,
-                    "rms": _rms(item.torque).tolist(),
-                    "std": _rms(item.std).tolist(),
-                    "observer_rms": _rms(item.observed).tolist(),
+                    "rms": rms(item.torque).tolist(),
+                    "std": rms(item.std).tolist(),
+                    "observer_rms": rms(item.observed).tolist(),
                     "observer_limit": np.median(item.limits, axis=0).tolist(),
                     "contacts": plain(item.contacts),
                     "payload_change": plain(item.payload_change),
@@ -372,7 +372,3 @@ def _weighed(
     if not clearly_loaded(found.ten, found.std):
         return None
     return replace(change, change=tuple(found.ten.tolist()), std=tuple(found.std.tolist()))
-
-
-def _rms(values: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
