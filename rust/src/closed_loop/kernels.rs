@@ -18,8 +18,7 @@ pub fn run_group(
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
-    match (geometry.known::<Elbow>(), simulation.integrator) {
+    match (simulation.robot.geometry().known::<Elbow>(), simulation.integrator) {
         (Some(geometry), Integrator::RungeKutta) => {
             run_kernel(candidates.len(), OfElbow(Run { simulation, geometry, candidates, cancel, observer }))
         }
@@ -38,8 +37,7 @@ pub fn run_as_any(
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
-    let run = Run { simulation, geometry, candidates, cancel, observer };
+    let run = Run { simulation, geometry: *simulation.robot.geometry(), candidates, cancel, observer };
     match simulation.integrator {
         Integrator::RungeKutta => run_kernel(candidates.len(), run),
         Integrator::Additive => dispatch(Implicit(run)),
@@ -92,13 +90,13 @@ pub fn portable(
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
+    let geometry = simulation.robot.geometry();
     match simulation.integrator {
         Integrator::RungeKutta => {
-            by_lanes::<Plain<1>, _, false>(simulation, &geometry, candidates, cancel, observer)
+            by_lanes::<Plain<1>, _, false>(simulation, geometry, candidates, cancel, observer)
         }
         Integrator::Additive => {
-            by_lanes::<Plain<1>, _, true>(simulation, &geometry, candidates, cancel, observer)
+            by_lanes::<Plain<1>, _, true>(simulation, geometry, candidates, cancel, observer)
         }
     }
 }

@@ -167,14 +167,14 @@ mod tests {
             let joints = vec![Joint { kind: JointKind::Revolute, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 }; n];
             let unit: Vec<Vec<f64>> =
                 (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
-            let geometry = Geometry::of(&Robot::new(joints, [0.0; 3], &unit, Friction::sign(n)).unwrap());
+            let robot = Robot::new(joints, [0.0; 3], &unit, Friction::sign(n)).unwrap();
             let lanes = |part: usize| -> [Lanes<V>; MAX_DOF] {
                 std::array::from_fn(|j| Lanes::each(|l| self.numbers[(part * 12 + j % 12) * 4 + l % 4]))
             };
             let [q, dq, scale] = [0, 1, 2].map(lanes);
             let mut plain = [Lanes::zero(); MAX_DOF];
             PlainLaws::of(self.controller).unwrap().torques(
-                &geometry,
+                robot.geometry(),
                 self.target,
                 &scale,
                 &q,

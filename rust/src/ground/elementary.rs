@@ -4,7 +4,7 @@ use super::lanes::{Lanes, Set};
 use std::f64::consts::FRAC_2_PI;
 
 /// Largest angle (rad) for which [`Lanes::small_sin_cos`] has all digits.
-pub(crate) const SMALL_ANGLE: f64 = 0.0625;
+const SMALL_ANGLE: f64 = 0.0625;
 /// Rounding constant 1.5 * 2^52: its sum with a number has the nearest integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
@@ -60,11 +60,27 @@ impl<V: Set> Lanes<V> {
 
     /// Sine, and cosine less one, of angles below [`SMALL_ANGLE`]; errors below 1e-16.
     #[inline(always)]
-    pub(crate) fn small_sin_cos(self) -> (Self, Self) {
+    fn small_sin_cos(self) -> (Self, Self) {
         let z = self * self;
         let s = z.polynomial([-1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0]);
         let c = z.polynomial([1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5]);
         ((self * z).mul_add(s, self), z * c)
+    }
+
+    /// Sine and cosine of `q + theta` from an anchor near it: a position, and sine and cosine there.
+    #[inline(always)]
+    pub(crate) fn sin_cos_near([from, s, c]: [Self; 3], q: Self, theta: Self) -> (Self, Self) {
+        let way = q - from;
+        let (sine, cosine_less_one) = way.small_sin_cos();
+        let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
+        let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
+        let room = Self::splat(SMALL_ANGLE) - way.abs();
+        if room.all_above(0.0) {
+            return (near_s, near_c);
+        }
+        // Lane by lane, so that none sees its neighbours.
+        let (far_s, far_c) = (q + theta).sin_cos();
+        (near_s.or_where_not_above(far_s, room), near_c.or_where_not_above(far_c, room))
     }
 
     /// `exp(self) - 1` of numbers from 0 to 700, within 2 units of the last place.

@@ -19,7 +19,7 @@ use crate::model::links::{Links, Lower};
 use crate::model::motion::State;
 use crate::robot::arm::{Arm, At, Place, inwards, outwards};
 use crate::robot::arm::{for_joints, unrolled};
-use crate::robot::geometry::{Frames, Geometry, Pose, Step};
+use crate::robot::geometry::{Anchor, Frames, Geometry, Pose, Step};
 use crate::robot::parameters::Layout;
 use crate::robot::{Followers, Robot};
 
@@ -27,6 +27,8 @@ use crate::robot::{Followers, Robot};
 #[derive(Debug, Clone, Copy)]
 pub struct Direct<V: Set> {
     frames: Frames<V>,
+    /// The last positions that were not near others.
+    anchor: Anchor<V>,
     /// Wrench of each link; on the way inwards, that of all links that a joint carries.
     wrenches: [Wrench<V>; MAX_DOF],
     /// Column `k` of `M`: the wrench that the body carried by joint `k` needs for a unit acceleration, seen from the frame
@@ -56,6 +58,7 @@ impl<V: Set> Direct<V> {
         let zero = [Lanes::zero(); MAX_DOF];
         Self {
             frames: Frames::new(geometry),
+            anchor: [zero; 3],
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
             factor: [zero; MAX_DOF],
@@ -91,9 +94,9 @@ impl<V: Set> Direct<V> {
         }
         let n = geometry.n();
         if near {
-            self.frames.follow(geometry, q);
+            self.frames.follow(geometry, q, &self.anchor);
         } else {
-            self.frames.anchor(geometry, q);
+            self.frames.anchor(geometry, q, &mut self.anchor);
         }
         drives.friction(geometry, links, q, dq, &mut self.signs, &mut self.ddq);
         outwards!(S, n, place => {
@@ -139,9 +142,9 @@ impl<V: Set> Direct<V> {
         let (n, driven) = (geometry.n(), followers.n_driven().min(MAX_DOF));
         let (q, dq) = (followers.joints(q, true), followers.joints(dq, false));
         if near {
-            self.frames.follow(geometry, &q);
+            self.frames.follow(geometry, &q, &self.anchor);
         } else {
-            self.frames.anchor(geometry, &q);
+            self.frames.anchor(geometry, &q, &mut self.anchor);
         }
         drives.friction(geometry, links, &q, &dq, &mut self.signs, &mut self.ddq);
         link_wrenches::<V, false, S>(geometry, &links.bodies, &self.frames, &dq, &dq, &mut self.wrenches);
@@ -337,7 +340,7 @@ impl Kernel for Batch<'_> {
     type Output = Option<Indefinite>;
     #[inline(always)]
     fn run<V: Set>(self) -> Option<Indefinite> {
-        let geometry = Geometry::of(self.robot);
+        let geometry = *self.robot.geometry(); // a copy, as in the inverse model
         let n = self.robot.n_dof();
         let drives = Drives::of(self.robot);
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);

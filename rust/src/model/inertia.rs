@@ -62,17 +62,17 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Set>(self) {
-        let geometry = Geometry::of(self.robot);
+        let geometry = self.robot.geometry();
         let n = geometry.n();
-        let links = Links::<V>::of_one(self.robot, &geometry, self.x);
-        let (mut frames, mut q) = (Frames::new(&geometry), [Lanes::zero(); MAX_DOF]);
+        let links = Links::<V>::of_one(self.robot, geometry, self.x);
+        let (mut frames, mut q) = (Frames::new(geometry), [Lanes::zero(); MAX_DOF]);
         let (mut composites, mut matrix) = ([Body::none(); MAX_DOF], links.rotors);
         for (block, out) in self.matrices.chunks_mut(n * n * V::L).enumerate() {
             for j in 0..n {
                 q[j] = Lanes::gather(self.q, n, block * V::L, j);
             }
-            frames.place(&geometry, &q);
-            inertia_matrix_lanes(&geometry, &links, &frames, &mut composites, &mut matrix);
+            frames.place(geometry, &q);
+            inertia_matrix_lanes(geometry, &links, &frames, &mut composites, &mut matrix);
             for i in 0..n {
                 for j in 0..n {
                     Lanes::scatter(&[matrix[i.max(j)][i.min(j)]], &mut out[i * n + j..], n * n);

@@ -162,7 +162,8 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Set>(self) {
-        let geometry = Geometry::of(self.robot);
+        // A copy: the compiler then sees that no result is written into it, and keeps its numbers in registers.
+        let geometry = *self.robot.geometry();
         let n = geometry.n();
         let drives = Drives::of(self.robot);
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);

@@ -137,12 +137,12 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Set>(self) {
-        let geometry = Geometry::of(self.robot);
+        let geometry = self.robot.geometry();
         let (n, p) = (geometry.n(), Layout::of(self.robot).count());
         let sample = n * p;
         // Samples that do not fill the last block go through a block of their own.
         let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * V::L) { 0 } else { sample * V::L }];
-        let mut walk = Walk::<V>::new(&geometry);
+        let mut walk = Walk::<V>::new(geometry);
         let mut state = State::zero();
         let mut load = [Lanes::zero(); MAX_DOF];
         for (block, out) in self.w.chunks_mut(sample * V::L).enumerate() {
@@ -157,7 +157,7 @@ impl Kernel for Batch<'_> {
                 rest = others;
                 one
             });
-            regressor_lanes(self.robot, &geometry, &mut walk, &state, &load, &mut Rows { samples, p });
+            regressor_lanes(self.robot, geometry, &mut walk, &state, &load, &mut Rows { samples, p });
             if !whole {
                 out.copy_from_slice(&spare[..out.len()]);
             }
@@ -262,9 +262,9 @@ mod tests {
         let mut entries = OneByOne(vec![None; n * p], p);
         let mut state = State::<Plain<1>>::zero();
         state.load(n, 0, &q, &dq, &ddq);
-        let geometry = Geometry::of(&robot);
-        let mut walk = Walk::new(&geometry);
-        regressor_lanes(&robot, &geometry, &mut walk, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
+        let geometry = robot.geometry();
+        let mut walk = Walk::new(geometry);
+        regressor_lanes(&robot, geometry, &mut walk, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
         let mut w = vec![0.0; n * p];
         Batch { robot: &robot, q: &q, dq: &dq, ddq: &ddq, load: &[], w: &mut w }.run::<Plain<1>>();
         for (entry, want) in entries.0.iter().zip(&w) {

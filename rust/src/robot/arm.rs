@@ -141,7 +141,7 @@ pub trait Arm: Copy {
 }
 
 /// Any robot.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Any;
 
 impl Arm for Any {

@@ -7,8 +7,10 @@
 use super::followers::Followers;
 use super::friction_terms::{Law, MAX_TERMS, Term};
 use crate::ground::arrays::MAX_DOF;
+use crate::robot::geometry::Geometry;
 use crate::robot::placement::{Mount, Placement, ends};
-use nalgebra::DMatrix;
+use crate::robot::transmission::{CoupledMotor, Coupling, coupled_motors, normalised};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// A robot description that is not a robot.
@@ -138,15 +140,6 @@ pub struct Joint {
     pub r: f64,
 }
 
-/// Which equation the Coulomb friction of a coupled motor follows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Coupling {
-    /// On the motor shaft, along the speed `C dq`: it can only dissipate.
-    Shaft,
-    /// Equation (23) as printed: `sign(dq6)` on joint 5. It can create energy.
-    Printed,
-}
-
 /// The shape of the friction, and how its sign is taken near standstill.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Friction {
@@ -200,15 +193,7 @@ pub struct Robot {
     transmission: Vec<Vec<f64>>,
     friction: Friction,
     followers: Option<Followers>,
-}
-
-/// A motor that turns with more than its own joint: its speed is `dq_m + sum c_i dq_i`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CoupledMotor {
-    /// The motor, and the joint it is named after (from 0).
-    pub motor: usize,
-    /// The other joints and their coefficients in the motor's speed.
-    pub others: Vec<(usize, f64)>,
+    geometry: Arc<Geometry>,
 }
 
 impl Robot {
@@ -262,8 +247,21 @@ impl Robot {
         let placements =
             joints.iter().zip(&mounts).map(|(joint, mount)| Placement::of(joint, mount)).collect();
         let coupled = coupled_motors(&transmission);
-        let followers = None;
-        Ok(Self { joints, mounts, placements, ends, gravity, coupled, transmission, friction, followers })
+        let (followers, geometry) = (None, Arc::default());
+        let mut robot = Self {
+            joints,
+            mounts,
+            placements,
+            ends,
+            gravity,
+            coupled,
+            transmission,
+            friction,
+            followers,
+            geometry,
+        };
+        robot.geometry = Arc::new(Geometry::of(&robot));
+        Ok(robot)
     }
 
     /// Number of driven joints: columns of motions and torques.
@@ -299,6 +297,12 @@ impl Robot {
     /// Pose of each frame in its parent's, ready for the kernels.
     pub fn placements(&self) -> &[Placement] {
         &self.placements
+    }
+
+    /// The geometry as the kernels walk it.
+    #[inline(always)]
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
     }
 
     /// Does joint `i` carry link `j`?
@@ -409,42 +413,4 @@ fn check_terms(joints: &[Joint], friction: &Friction) -> Result<(), RobotError> 
         }
     }
     Ok(())
-}
-
-fn normalised(n: usize, transmission: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, RobotError> {
-    if transmission.len() != n {
-        return Err(RobotError::Length { what: "transmission", want: n, got: transmission.len() });
-    }
-    for (m, row) in transmission.iter().enumerate() {
-        if row.len() != n {
-            return Err(RobotError::Length { what: "a row of transmission", want: n, got: row.len() });
-        }
-        if row.iter().any(|c| !c.is_finite()) {
-            return Err(RobotError::NotFinite { what: "transmission", joint: m + 1 });
-        }
-    }
-    let singular = DMatrix::from_fn(n, n, |m, j| transmission[m][j]).singular_values();
-    if singular.min() <= 1e-12 * singular.max() {
-        return Err(RobotError::SingularTransmission);
-    }
-    transmission
-        .iter()
-        .enumerate()
-        .map(|(m, row)| match row[m] {
-            0.0 => Err(RobotError::DetachedMotor { motor: m + 1 }),
-            diagonal => Ok(row.iter().map(|c| c / diagonal).collect()),
-        })
-        .collect()
-}
-
-fn coupled_motors(transmission: &[Vec<f64>]) -> Vec<CoupledMotor> {
-    let others = |m: usize, row: &[f64]| -> Vec<(usize, f64)> {
-        row.iter().copied().enumerate().filter(|&(j, c)| j != m && c != 0.0).collect()
-    };
-    transmission
-        .iter()
-        .enumerate()
-        .map(|(motor, row)| CoupledMotor { motor, others: others(motor, row) })
-        .filter(|coupled| !coupled.others.is_empty())
-        .collect()
 }

@@ -1,4 +1,4 @@
-//! The geometry as the kernels walk it: what is constant, and what is zero, decided once per run.
+//! The geometry as the kernels walk it: its constants and its zeros, decided once per robot.
 //!
 //! The step from the frame before, that of the joint's parent, is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
 //! `t = (d, -r sin alpha, r cos alpha)`, seen in the frame before; in trees `Rot(z, gamma)` may stand before these. Most components of `t` are zero and most twists right angles; a
@@ -6,7 +6,6 @@
 
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::WIDTH;
-use crate::ground::elementary::SMALL_ANGLE;
 use crate::ground::lanes::{Lanes, Set, side_by_side};
 use crate::ground::spatial::Vector;
 use crate::robot::arm::{
@@ -34,7 +33,7 @@ impl Deref for Step<'_> {
 }
 
 /// Numbers of a step.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Numbers {
     /// Its form.
     form: StepForm,
@@ -125,8 +124,8 @@ impl Numbers {
     }
 }
 
-/// The steps of a robot, and what else its kernels ask for.
-#[derive(Debug, Clone, Copy)]
+/// The steps of a robot, its order of joints and its gravity, as the kernels read them.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Geometry<S = Any> {
     n: usize,
     /// Does each joint stand on the one numbered before it?
@@ -137,12 +136,18 @@ pub struct Geometry<S = Any> {
     shape: PhantomData<S>,
 }
 
+impl Default for Geometry {
+    /// That of no joint at all.
+    fn default() -> Self {
+        Self { n: 0, chain: true, steps: [Numbers::STILL; MAX_DOF], gravity: [0.0; 3], shape: PhantomData }
+    }
+}
+
 impl Geometry {
-    /// Geometry of a robot.
-    pub fn of(robot: &Robot) -> Self {
+    /// Geometry of a robot, which keeps it ([`Robot::geometry`]).
+    pub(super) fn of(robot: &Robot) -> Self {
         let n = robot.n_joints();
-        let steps = const { [Numbers::STILL; MAX_DOF] }; // copied at once, not joint by joint
-        let mut geometry = Self { n, chain: true, steps, gravity: robot.gravity(), shape: PhantomData };
+        let mut geometry = Self { n, gravity: robot.gravity(), ..Self::default() };
         let (mut forms, mut parents) = ([StepForm::STILL; MAX_DOF], [0; MAX_DOF]);
         for j in 0..n {
             let step = Numbers::of(robot, j);
@@ -219,9 +224,10 @@ pub struct Frames<V: Set> {
     pub cosine: [Lanes<V>; MAX_DOF],
     /// `t`, of which only [`StepForm::shifted`] components are used.
     pub shift: [Vector<V>; MAX_DOF],
-    /// Positions, sines and cosines that [`Self::follow`] starts from.
-    anchor: [[Lanes<V>; MAX_DOF]; 3],
 }
+
+/// Positions of the joints, their sines and their cosines, from which [`Frames::follow`] starts.
+pub type Anchor<V> = [[Lanes<V>; MAX_DOF]; 3];
 
 /// Pose of a frame in the one before: sine and cosine of the angle about z, and the displacement `t`.
 pub type Pose<'a, V> = (Lanes<V>, Lanes<V>, &'a Vector<V>);
@@ -237,8 +243,7 @@ impl<V: Set> Frames<V> {
     #[inline(always)]
     pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
-        let mut frames =
-            Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF], anchor: [zero; 3] };
+        let mut frames = Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF] };
         for j in 0..geometry.n() {
             let step = &geometry.steps[j];
             (frames.sine[j], frames.cosine[j]) = Lanes::splat(step.theta).sin_cos();
@@ -263,27 +268,32 @@ impl<V: Set> Frames<V> {
         });
     }
 
-    /// The same, and remembers it for [`Self::follow`].
+    /// The same, and stores the anchor of [`Self::follow`].
     #[inline(always)]
-    pub fn anchor<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
+    pub fn anchor<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        q: &[Lanes<V>; MAX_DOF],
+        anchor: &mut Anchor<V>,
+    ) {
         self.place(geometry, q);
         outwards!(S, geometry.n(), place => {
             let j = place.index();
-            (self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
+            (anchor[0][j], anchor[1][j], anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
         });
     }
 
     /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
     #[inline(always)]
-    pub fn follow<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
+    pub fn follow<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF], anchor: &Anchor<V>) {
         if V::L == 1 && V::FUSED {
-            return self.follow_together(geometry, q);
+            return self.follow_together(geometry, q, anchor);
         }
         outwards!(S, geometry.n(), place => {
             let (step, j) = (geometry.step(place), place.index());
             if step.form.turns {
-                let from = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
-                (self.sine[j], self.cosine[j]) = near(from, q[j], Lanes::splat(step.theta));
+                let from = [anchor[0][j], anchor[1][j], anchor[2][j]];
+                (self.sine[j], self.cosine[j]) = Lanes::sin_cos_near(from, q[j], Lanes::splat(step.theta));
             } else {
                 self.slide(&step, j, q[j]);
             }
@@ -302,12 +312,16 @@ impl<V: Set> Frames<V> {
 
     /// [`Self::follow`], likewise.
     #[inline(always)]
-    fn follow_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
+    fn follow_together<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        q: &[Lanes<V>; MAX_DOF],
+        [q0, s, c]: &Anchor<V>,
+    ) {
         for first in (0..geometry.n()).step_by(WIDTH) {
             let theta = Lanes::<V::Wide>::each(|k| geometry.steps[first + k].theta);
-            let [q0, s, c] = &self.anchor;
             let from = [side_by_side(q0, first), side_by_side(s, first), side_by_side(c, first)];
-            let (sine, cosine) = near(from, side_by_side(q, first), theta);
+            let (sine, cosine) = Lanes::sin_cos_near(from, side_by_side(q, first), theta);
             self.put_together(geometry, first, q, sine, cosine);
         }
     }
@@ -344,22 +358,6 @@ impl<V: Set> Frames<V> {
         let z = q.mul_add(Lanes::splat(step.axis[2]), Lanes::splat(z));
         self.shift[j] = Vector::new(x, y, z);
     }
-}
-
-/// Sine and cosine at `q + theta` from those at an anchor: `[position, sine, cosine]`.
-#[inline(always)]
-fn near<V: Set>([from, s, c]: [Lanes<V>; 3], q: Lanes<V>, theta: Lanes<V>) -> (Lanes<V>, Lanes<V>) {
-    let way = q - from;
-    let (sine, cosine_less_one) = way.small_sin_cos();
-    let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
-    let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
-    let room = Lanes::splat(SMALL_ANGLE) - way.abs();
-    if room.all_above(0.0) {
-        return (near_s, near_c);
-    }
-    // Lane by lane, so that none sees its neighbours.
-    let (far_s, far_c) = (q + theta).sin_cos();
-    (near_s.or_where_not_above(far_s, room), near_c.or_where_not_above(far_c, room))
 }
 
 impl<V: Set> Vector<V> {

@@ -7,9 +7,11 @@ pub mod friction_terms;
 pub mod geometry;
 pub mod parameters;
 mod placement;
+mod transmission;
 mod twist;
 
-pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError};
+pub use description::{Friction, Joint, JointKind, Robot, RobotError};
 pub use followers::{Follower, Followers};
 pub use placement::{Mount, Placement};
+pub use transmission::{CoupledMotor, Coupling};
 pub use twist::Twist;

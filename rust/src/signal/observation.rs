@@ -14,7 +14,6 @@ use crate::model::motion::State;
 use crate::model::regressor::{check_load, drive_lanes, gather_load};
 use crate::model::walk::{Entries, Walk};
 use crate::robot::Robot;
-use crate::robot::geometry::Geometry;
 use crate::robot::parameters::{INERTIAL, Layout, Owner};
 use crate::signal::filter::{
     Row, Stage, StageError, Workspace, check_stages, output_length, zero_phase_lanes,
@@ -223,17 +222,17 @@ impl Kernel for FormAndFilter<'_> {
         for (s, series) in block.series.iter().enumerate() {
             place[series.row * width + series.column] = s;
         }
-        let geometry = Geometry::of(robot);
-        let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        let geometry = robot.geometry();
+        let (mut walk, mut state) = (Walk::<V>::new(geometry), State::zero());
         let mut load = [Lanes::zero(); MAX_DOF];
         for first in (0..samples).step_by(V::L) {
             state.load(n, first, log.q, log.dq, log.ddq);
             let valid = V::L.min(samples - first);
             let mut entries = Asked { place: &place, width, groups, first, valid };
             if let Some(j) = block.link {
-                walk.start(&geometry, &state.q);
-                walk.reach(&geometry, j.min(MAX_DOF - 1), &state);
-                walk.link_rows::<false>(&geometry, j, 0, &mut entries);
+                walk.start(geometry, &state.q);
+                walk.reach(geometry, j.min(MAX_DOF - 1), &state);
+                walk.link_rows::<false>(geometry, j, 0, &mut entries);
             } else {
                 gather_load(log.load, n, first, &mut load);
                 drive_lanes(robot, &state, &load, &mut entries);

@@ -10,7 +10,6 @@ use didim::closed_loop::simulate::{run_as_any, run_group};
 use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::robot::arm::Elbow;
-use didim::robot::geometry::Geometry;
 use didim::robot::parameters::Layout;
 use didim::robot::{Coupling, Friction, Joint, JointKind, Robot};
 use std::f64::consts::FRAC_PI_2;
@@ -65,7 +64,7 @@ fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal
     let scale = [1.0; 6];
     let candidates: Vec<Candidate<'_>> = x.iter().map(|x| Candidate { x, scale: &scale }).collect();
     let cancel = Cancel::never();
-    assert!(Geometry::of(robot).known::<Elbow>().is_some());
+    assert!(robot.geometry().known::<Elbow>().is_some());
     for lanes in [1, 4, 8] {
         let (mut known, mut any) = (Trajectories::new(lanes, 11, 6), Trajectories::new(lanes, 11, 6));
         let candidates = &candidates[..lanes];
@@ -104,5 +103,5 @@ fn a_shape_that_is_known_changes_no_bit() {
     // An arm with an offset more is not of that shape.
     let mut joints = robot.joints().to_vec();
     joints[1].d = 0.1;
-    assert!(Geometry::of(&with_joints(&robot, joints)).known::<Elbow>().is_none());
+    assert!(with_joints(&robot, joints).geometry().known::<Elbow>().is_none());
 }

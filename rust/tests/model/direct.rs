@@ -5,7 +5,6 @@ use didim::model::direct::{Indefinite, direct_dynamics};
 use didim::model::inverse::inverse_dynamics;
 use didim::robot::Joint;
 use didim::robot::arm::{At, DISPLACED, MOMENTS};
-use didim::robot::geometry::Geometry;
 
 #[test]
 fn axes_that_meet_in_a_point_need_no_forces() {
@@ -15,7 +14,7 @@ fn axes_that_meet_in_a_point_need_no_forces() {
         if j < 3 { Joint { d: 0.0, r: 0.0, ..*joint } } else { Joint { d: 0.3, ..*joint } }
     };
     let robot = with_joints(&arm, arm.joints().iter().enumerate().map(bend).collect());
-    let carries = [1, 2, 3, 4].map(|j| Geometry::of(&robot).step(At(j)).form.carries);
+    let carries = [1, 2, 3, 4].map(|j| robot.geometry().step(At(j)).form.carries);
     assert_eq!(carries, [MOMENTS, MOMENTS, DISPLACED, DISPLACED]);
     let motion = |a: f64| (0..35).map(|k| (a * f64::from(k) + a).sin() * 2.0).collect::<Vec<_>>();
     let (q, dq, ddq, x) = (motion(1.1), motion(0.7), motion(1.7), parameters(&robot));
