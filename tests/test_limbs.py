@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+from didim.errors import SimulationError
+from didim.evidence.hypotheses.geometry import gravities, lengths
+from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.hypotheses.positions import exchanged, positions
+from didim.evidence.rows import LogRows
 from didim.experiment.experiment import Experiment
+from didim.loop.closed_loop import ClosedLoop
+from didim.loop.controller import Digital
+from didim.loop.memory import ControllerMemory
+from didim.methods.cloe.jacobian import Jacobian
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.didim.response import Response
 from didim.methods.didim.slack import Loop, SolvedIterate
@@ -105,6 +115,14 @@ def test_a_chain_has_a_simulation_per_parameter() -> None:
     assert found.joints.all()
 
 
+def dense(jacobian: Jacobian, n_rows: int) -> Array:
+    """Derivatives of all errors, (n, n_rows)."""
+    found = np.zeros((len(jacobian.normal), n_rows))
+    for part in jacobian.parts:
+        found[np.ix_(part.columns, part.rows)] = part.slopes
+    return found
+
+
 def test_derivatives_of_output_errors_of_all_limbs_at_once(
     walker: tuple[Experiment, Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,9 +136,44 @@ def test_derivatives_of_output_errors_of_all_limbs_at_once(
         (errors,), _ = problem.errors(problem.start[None])
         begun = problem.n_simulations
         found.append((problem.derivatives(problem.start, errors), problem.n_simulations - begun))
-    (together, few), (one_by_one, many) = found
-    assert (few, many) == (len(one_by_one) // 3, len(one_by_one))
-    np.testing.assert_allclose(together, one_by_one, rtol=0.0, atol=1e-9 * np.abs(one_by_one).max())
+    (apart, few), (together, many) = found
+    one_by_one = dense(together, errors.size)
+    n = len(one_by_one)
+    assert (few, many) == (n // 3, n)
+    assert [part.columns.size for part in apart.parts] == [n // 3] * 3
+    np.testing.assert_allclose(
+        dense(apart, errors.size), one_by_one, rtol=0.0, atol=1e-9 * np.abs(one_by_one).max()
+    )
+    # What a search asks of them, by the textbook.
+    step = np.linspace(-1.0, 1.0, n)
+    for jacobian in (apart, together):
+        g = dense(jacobian, errors.size).T
+        np.testing.assert_allclose(jacobian.normal, g.T @ g, rtol=1e-12, atol=1e-12 * np.abs(g.T @ g).max())
+        np.testing.assert_allclose(jacobian.gradient(errors), g.T @ errors, rtol=1e-9)
+        np.testing.assert_allclose(jacobian.changed(errors, step), errors + g @ step, rtol=1e-9)
+        rows = jacobian.triangles(step, errors)
+        right = g.T @ (g @ step - errors)
+        np.testing.assert_allclose(
+            rows[:, :n].T @ rows[:, n], right, rtol=1e-9, atol=1e-9 * np.abs(right).max()
+        )
+
+
+def test_standard_deviations_of_all_limbs_at_once(
+    walker: tuple[Experiment, Array], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each limb has its own part of the covariance and of the jackknife."""
+    method = didim.CLOE(start="idim-ls", output="both", max_iterations=3)
+    apart = didim.identify(walker[0], method)
+    monkeypatch.setattr(Directions, "of", singly)
+    together = didim.identify(walker[0], method)
+    np.testing.assert_allclose(apart.beta / together.std, together.beta / together.std, atol=1e-4)
+    size = np.outer(together.std, together.std)
+    np.testing.assert_allclose(apart.covariance / size, together.covariance / size, atol=1e-5)
+    assert apart.uncertainty is not None
+    assert together.uncertainty is not None
+    for key in ("std_white", "deletions"):
+        one, other = (getattr(fit.uncertainty, key) / together.std for fit in (apart, together))
+        np.testing.assert_allclose(one, other, atol=1e-5)
 
 
 def test_a_diverging_limb_leaves_the_derivatives_of_the_others(
@@ -131,7 +184,7 @@ def test_a_diverging_limb_leaves_the_derivatives_of_the_others(
     method = didim.CLOE(start="idim-ls")
     problem = OutputError(method, method.job(log, log.simulation.robot(log.robot)), Reporter())
     (errors,), _ = problem.errors(problem.start[None])
-    inner = problem.derivatives(problem.start, errors)
+    inner = dense(problem.derivatives(problem.start, errors), errors.size)
     known, calls = OutputError.errors, list[int]()
 
     def at_the_edge(problem: OutputError, points: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -142,7 +195,7 @@ def test_a_diverging_limb_leaves_the_derivatives_of_the_others(
         return rows, completed
 
     monkeypatch.setattr(OutputError, "errors", at_the_edge)
-    edge = problem.derivatives(problem.start, errors)
+    edge = dense(problem.derivatives(problem.start, errors), errors.size)
     assert calls == [len(inner) // 3, 3]
     sizes = np.linalg.norm(inner, axis=1)
     assert np.all(np.linalg.norm(edge - inner, axis=1) < 1e-2 * sizes)
@@ -176,3 +229,150 @@ def test_the_response_of_all_limbs_at_once(
     count = len(place.system.names)
     assert counts == [count // 3, count]
     np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-9 * np.abs(found[1]).max())
+
+
+def as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulate all limbs with common steps."""
+    monkeypatch.setattr("didim.loop.closed_loop.limbs_of", lambda robot: limbs_of(robot)[:1])
+
+
+DIGITAL = Digital(sample_time_s=0.004, delay_samples=1, smoothing=(0.5, 0.5))
+
+
+@pytest.mark.parametrize("resolution", [(), (0.1,), (0.1, 0.2, 0.3, 0.4)])
+def test_a_limb_has_its_own_encoders(resolution: tuple[float, ...]) -> None:
+    digital = replace(DIGITAL, resolution=resolution)
+    controller = didim.Controller.pd([1.0, 2.0, 3.0, 4.0], [5.0] * 4, digital=digital).of_joints((3, 1))
+    assert controller.digital == replace(
+        digital, resolution=resolution if len(resolution) < 4 else (0.4, 0.2)
+    )
+    assert controller.laws[:, 0].tolist() == [4.0, 2.0]
+
+
+@pytest.mark.parametrize("digital", [None, DIGITAL])
+def test_limbs_are_simulated_apart(
+    walker: tuple[Experiment, Array], monkeypatch: pytest.MonkeyPatch, digital: Digital | None
+) -> None:
+    """Each as in the whole robot, with the steps of its own reversals only."""
+    log, x = walker
+    robot = log.robot
+    rng = np.random.default_rng(0)
+    q = log.recordings[0].q[:600]
+    controller = didim.Controller.pid(
+        kp=rng.uniform(200.0, 400.0, 6),
+        kv=rng.uniform(20.0, 40.0, 6),
+        ki=rng.uniform(20.0, 40.0, 6),
+        gain=rng.uniform(1.0, 2.0, 6),
+        saturation=200.0,
+        digital=digital,
+    ).with_feedforward(rng.normal(size=(100, 6)), rate_hz=50.0)
+    outputs, positions = (None, None) if digital is None else (rng.normal(size=(1, 6)), q[:2])
+    loop = ClosedLoop.of(
+        robot,
+        didim.Reference.sampled(q, rate_hz=500.0),
+        controller,
+        rate_hz=500.0,
+        duration_s=1.0,
+        step=1e-3,
+        fine_step=[1e-4, 1e-4, 2e-4, 2e-4, 5e-4, 5e-4],
+        start=(q[0] + 0.01, rng.normal(size=6)),
+        external=(10.0, rng.normal(size=(20, 6))),
+        memory=ControllerMemory(
+            start="torque", values=tuple(rng.normal(size=6)), outputs=outputs, positions=positions
+        ),
+    ).along(didim.Reference.sampled(q[::5] + 1e-3 * np.sin(np.arange(120))[:, None], rate_hz=100.0))
+    assert [limb.joints for limb, _ in loop.limbs] == [(0, 1), (2, 3), (4, 5)]
+    assert all(part.n_steps < loop.schedule.steps for _, part in loop.limbs)
+    xs, scale = np.stack([x, 1.1 * x, 0.9 * x]), rng.uniform(0.9, 1.1, (3, 6))
+    one = np.ones(6)
+
+    def found() -> tuple[list[Array], Array]:
+        fine = replace(loop).divided(8)
+        arrays, outcomes = fine.run(xs, gain_scale=scale)
+        costs, _ = fine.costs(
+            xs,
+            q[: loop.n_records],
+            0.0 * q[: loop.n_records],
+            weight_q=one,
+            weight_tau=1e-3 * one,
+            gain_scale=scale,
+        )
+        assert all(outcome.completed for outcome in outcomes)
+        return arrays, costs
+
+    apart, costs = found()
+    as_a_whole(monkeypatch)
+    together, sums = found()
+    for one_by_one, whole in zip(apart, together, strict=True):
+        np.testing.assert_allclose(one_by_one, whole, rtol=0.0, atol=1e-5 * np.abs(whole).max())
+    np.testing.assert_allclose(costs, sums, rtol=1e-5)
+
+
+def test_a_robot_ends_with_the_first_of_its_limbs(walker: tuple[Experiment, Array]) -> None:
+    log, x = walker
+    controller = didim.Controller.pd([300.0, 300.0, -90.0, 300.0, -300.0, 300.0], [30.0] * 6)
+    loop = ClosedLoop.of(
+        log.robot,
+        didim.Reference.sampled(log.recordings[0].q, rate_hz=500.0),
+        controller,
+        rate_hz=500.0,
+        divergence=1.0,
+    )
+    arrays, (outcome,) = loop.run(x[None])
+    singly = [part.run(x[None, limb.indices])[1][0] for limb, part in loop.limbs]
+    first, second = singly[2].time_s, singly[1].time_s
+    assert first is not None
+    assert second is not None
+    assert first < second
+    assert singly[0].completed
+    assert outcome == replace(singly[2], joint=5)
+    assert np.isnan(arrays[0][0]).all(axis=1).sum() == np.sum(loop.t >= first)
+    q = loop.reference.at(loop.t)[0]
+    costs, (again,) = loop.costs(x[None], q, 0.0 * q, weight_q=np.ones(6), weight_tau=np.ones(6))
+    assert np.isinf(costs[0])
+    assert again == outcome
+
+
+def test_moves_that_arrive_together_are_simulated_together(walker: tuple[Experiment, Array]) -> None:
+    log, x = walker
+    moves = didim.Reference.point_to_point(
+        [[0.0] * 6, [0.1, 0.2, 0.3, 0.1, 0.2, 0.3]], max_velocity=1.0, max_acceleration=5.0
+    )
+    loop = ClosedLoop.of(log.robot, moves, didim.Controller.pd([300.0] * 6, [30.0] * 6))
+    assert loop.limbs == ()
+    assert loop.run(x[None])[1][0].completed
+    sampled = ClosedLoop.of(
+        log.robot,
+        didim.Reference.sampled(log.recordings[0].q, rate_hz=500.0),
+        loop.controller,
+        duration_s=0.1,
+    )
+    with pytest.raises(SimulationError, match=f"x needs {len(x)} parameters per candidate, got"):
+        sampled.run(x[None, :-1])
+
+
+def test_a_hypothesis_on_a_limb_is_screened_there(walker: tuple[Experiment, Array]) -> None:
+    """As in the whole robot, whose other torques stay as they are."""
+    log, _ = walker
+    job = didim.IDIMLS().job(log)
+    rows = LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+    limbs = limbs_of(rows.robot)
+    counts = dict.fromkeys(range(len(limbs) + 1), 0)
+    for family in (positions, exchanged, lengths, gravities):
+        for item in family(rows):
+            concerned = [k for k, limb in enumerate(limbs) if item.within(limb, rows.robot) is not None]
+            counts[len(concerned)] += 1
+            inside = {(joint - 1) // 2 for joint in item.joints}
+            assert concerned == (sorted(inside) if len(inside) == 1 else [])
+            found, whole = rows.rough_ratios(item), rows.screened.ratios(item)
+            own = [joint for k in concerned for joint in limbs[k].joints] or list(range(rows.n))
+            np.testing.assert_allclose(found[own], whole[own], rtol=1e-6)
+            assert np.all(np.delete(found, own) == 1.0)
+            # The screening of the whole robot is approximate there too.
+            np.testing.assert_allclose(np.delete(whole, own), 1.0, rtol=0.02)
+    assert counts[0] > 10
+    assert counts[1] > 10
+    by_two = replace(next(positions(rows)), rate=2.0)
+    assert by_two.within(limbs[0], rows.robot) is None
+    elsewhere = Hypothesis(code="gain", joints=(1,), factors=np.array([2.0, 1.0, 1.0, 3.0, 1.0, 1.0]))
+    assert elsewhere.within(limbs[0], rows.robot) is None

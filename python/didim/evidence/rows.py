@@ -16,6 +16,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import DidimError, FitError
 from ..log.recording import Recording
+from ..model.limbs import Limb, limbs_of
 from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent
 from ..regression.jackknife import FEWEST_ROWS
@@ -28,7 +29,7 @@ from ..signal.noise import row_noise, white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
 from .products import BLOCKS, Products
-from .screen import MOTION, Screen
+from .screen import MOTION, Screen, ScreenedRows
 from .thresholds import HINT
 
 if TYPE_CHECKING:
@@ -141,27 +142,20 @@ class LogRows:
         return float(np.sum(np.log(np.minimum(1.0, np.maximum(share, 1e-9))))) > HINT
 
     @cached_property
-    def screen(self) -> Screen:
+    def screened(self) -> ScreenedRows:
         """Screening along the decimated motion."""
-        motion = [
-            self.reduced([getattr(part, key) for part in self.parts])[:, :: self._step] for key in MOTION
-        ]
-        return Screen(self.robot, motion, self._whole()[:, :: self._step])
+        step = max(1, int(self.y.shape[1]) // ROUGH_ROWS)
+        motion = [self.reduced([getattr(part, key) for part in self.parts])[:, ::step] for key in MOTION]
+        return ScreenedRows(
+            Screen(self.robot, motion, self._whole()[:, ::step]),
+            self.w[:, ::step, self.logs.n_base :],
+            self.y[:, ::step],
+            None if self.known is None else self.robot.base_parameters.lift(self.known),
+        )
 
     @cached_property
-    def _step(self) -> int:
-        return max(1, int(self.y.shape[1]) // ROUGH_ROWS)
-
-    @cached_property
-    def _rough(self) -> Array:
-        return self._rough_products(self.screen.exact).seen()
-
-    def _rough_products(self, w: Array) -> Products:
-        y, known = self.y[:, :: self._step], self.known
-        given = None if known is None else self.robot.base_parameters.lift(known)
-        # What the logs have beside the robot is about the same for another one.
-        w = np.concatenate([w, self.w[:, :: self._step, self.logs.n_base :]], axis=2)
-        return Products.of(w, y, 1, given)
+    def _limbs(self) -> list[tuple[Limb, ScreenedRows]]:
+        return [(limb, self.screened.of_limb(limb)) for limb in limbs_of(self.robot)]
 
     def rough(self, item: Hypothesis) -> float:
         """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""
@@ -169,19 +163,13 @@ class LogRows:
 
     def rough_ratios(self, item: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n,), in sample."""
-        try:
-            if item.robot is not None:
-                w = self.screen.of_robot(item.robot)
-            elif item.position is not None or item.rate != 1.0:
-                w = self.screen.of_motion(
-                    np.eye(self.n) if item.position is None else item.position, item.rate
-                )
-            else:
-                w = self.screen.exact
-        except DidimError:
-            return np.full(self.n, math.inf)
-        w = w if item.torque is None else np.tensordot(item.torque, w, 1)
-        return self._rough_products(w).seen(item.order, item.factors) / self._rough
+        for limb, screened in self._limbs:
+            own = item.within(limb, self.robot)
+            if own is not None:  # the other limbs are as declared
+                ratios = np.ones(self.n)
+                ratios[list(limb.joints)] = screened.ratios(own)
+                return ratios
+        return self.screened.ratios(item)
 
     def seen(self, item: Hypothesis) -> Array:
         """Return the squared errors of the channels in sample, (n,); infinity where they cannot be computed."""

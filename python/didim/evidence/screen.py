@@ -11,14 +11,23 @@ The term in brackets is up to 3 % of a torque on fast motions. It is omitted if 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._tools.arrays import Array
-from ..errors import FitError
+from ..errors import DidimError, FitError
 from ..model.dynamics import friction_places, regressor
+from ..model.limbs import Limb
 from ..robot.robot import Robot
+from .products import Products
+
+if TYPE_CHECKING:
+    from .hypotheses.hypothesis import Hypothesis
 
 NEAR = 3.5
 """Ratio of a joint's motion to the declared one, up to which a joint's torques along both are similar."""
@@ -69,6 +78,62 @@ class Screen:
             w += self.correction
         w[:, :, self.friction] = np.where(even, exact, np.where(odd, -exact, w[:, :, self.friction]))
         return w
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedRows:
+    """The rows of the screening, of a robot or of one of its limbs.
+
+    Attributes
+    ----------
+    screen : Screen
+        Columns of the standard parameters.
+    further : (n_dof, n_rows, m) array
+        Columns of parameters that the logs have beside the robot, which are about the same for another one.
+    torque : (n_dof, n_rows) array
+        Torques.
+    given : (p,) array or None
+        Standard parameters that are known: nothing is fitted then.
+    """
+
+    screen: Screen
+    further: Array
+    torque: Array
+    given: Array | None
+
+    def of_limb(self, limb: Limb) -> ScreenedRows:
+        """Return the rows of a limb."""
+        at, rows = np.array(limb.joints), np.arange(self.torque.shape[1])
+        motion = [values.T[at] for values in self.screen.motion]
+        further = self.further[at]
+        return ScreenedRows(
+            Screen(limb.robot, motion, self.screen.exact[np.ix_(at, rows, limb.indices)]),
+            further[:, :, further.any(axis=(0, 1))],
+            self.torque[at],
+            None if self.given is None else self.given[limb.indices],
+        )
+
+    def ratios(self, item: Hypothesis) -> Array:
+        """Return about the squared error of each channel over that of the declared model, (n_dof,), in sample."""
+        n = len(self.torque)
+        try:
+            if item.robot is not None:
+                w = self.screen.of_robot(item.robot)
+            elif item.position is not None or item.rate != 1.0:
+                w = self.screen.of_motion(np.eye(n) if item.position is None else item.position, item.rate)
+            else:
+                w = self.screen.exact
+        except DidimError:
+            return np.full(n, math.inf)
+        w = w if item.torque is None else np.tensordot(item.torque, w, 1)
+        return self._products(w).seen(item.order, item.factors) / self._declared
+
+    @cached_property
+    def _declared(self) -> Array:
+        return self._products(self.screen.exact).seen()
+
+    def _products(self, w: Array) -> Products:
+        return Products.of(np.concatenate([w, self.further], axis=2), self.torque, 1, self.given)
 
 
 def _columns(robot: Robot, motion: Sequence[Array]) -> Array:

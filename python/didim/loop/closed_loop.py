@@ -1,13 +1,15 @@
 """A robot with its controller and reference, ready to run one candidate or thousands at once.
 
-Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Tested in
-``tests/test_simulation.py`` and ``tests/test_integrator.py``.
+Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Limbs are simulated apart,
+each with its own steps, because neither torque nor motion of one depends on the others. Tested in ``tests/test_simulation.py``,
+``tests/test_integrator.py`` and ``tests/test_limbs.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +20,11 @@ from .._tools.arrays import Array, real_array, rms
 from .._tools.settings import one_of, whole
 from .._tools.threads import MOST_THREADS, core_threads
 from ..errors import CoreErrorsAs, SimulationError
+from ..model.limbs import Limb, limbs_of
 from ..robot.robot import Robot
 from .controller import Controller
 from .memory import BALANCE, ControllerMemory
-from .outcome import IntegrationError, Outcome, outcomes_of
+from .outcome import IntegrationError, Outcome, first_to_end, outcomes_of
 from .reference import Reference
 
 STEP = 5e-4
@@ -77,10 +80,12 @@ class ClosedLoop:
         Records per second.
     n_records : int
         Number of records.
-    schedule : core schedule
-        Time steps.
     steps : (float, list of float)
         Largest step, and largest step of each joint where its velocity is near zero (s).
+    motion : Reference or None
+        Motion whose velocities near zero have fine steps; that of the reference by default.
+    parts : int
+        Number of parts that each step is divided into.
     start : (q, dq) or None
         Positions and velocities at time 0; the reference's by default.
     external : (rate_hz, (n_samples, n_dof) array) or None
@@ -98,8 +103,9 @@ class ClosedLoop:
     controller: Controller
     rate_hz: float
     n_records: int
-    schedule: _core.Schedule
     steps: tuple[float, Sequence[float]]
+    motion: Reference | None = None
+    parts: int = 1
     start: tuple[Sequence[float], Sequence[float]] | None = None
     external: tuple[float, Array] | None = None
     divergence: float = DIVERGENCE
@@ -120,6 +126,56 @@ class ClosedLoop:
             self.divergence,
             self.integrator == "imex",
         )
+
+    @cached_property
+    def schedule(self) -> _core.Schedule:
+        """Time steps of the whole robot."""
+        robot, controller = self.robot, self.controller
+        _check_steps(self.steps, controller.core.period, (self.n_records - 1) / self.rate_hz)
+        near = (NEAR_ZERO if self.motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
+        with CoreErrorsAs(SimulationError):
+            schedule = _core.Schedule(
+                robot.core,
+                self.reference.core,
+                rate=self.rate_hz,
+                records=self.n_records,
+                period=controller.core.period,
+                coarse=self.steps[0],
+                fine=self.steps[1],
+                slow=[near * value for value in robot.friction.smoothing],
+                motion=None if self.motion is None else self.motion.core,
+            )
+        return schedule if self.parts == 1 else schedule.divided(self.parts)
+
+    @cached_property
+    def limbs(self) -> tuple[tuple[Limb, ClosedLoop], ...]:
+        """Limbs of the robot with their loops; empty for a single limb, and if the motions cannot be divided."""
+        limbs = limbs_of(self.robot)
+        loops = [self._of_limb(limb) for limb in limbs] if len(limbs) > 1 else []
+        return tuple((limb, loop) for limb, loop in zip(limbs, loops, strict=False) if loop is not None)
+
+    def _of_limb(self, limb: Limb) -> ClosedLoop | None:
+        joints = list(limb.joints)
+        reference, start, external = self.reference.of_joints(joints), self.start, self.external
+        motion = None if self.motion is None else self.motion.of_joints(joints)
+        if reference is None or (motion is None) != (self.motion is None):
+            return None
+        return replace(
+            self,
+            robot=limb.robot,
+            reference=reference,
+            controller=self.controller.of_joints(joints),
+            steps=(self.steps[0], [self.steps[1][joint] for joint in joints]),
+            motion=motion,
+            start=None if start is None else ([start[0][j] for j in joints], [start[1][j] for j in joints]),
+            external=None if external is None else (external[0], external[1][:, joints]),
+            memory=self.memory.of_joints(joints),
+        )
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of a run; of the limb that takes most."""
+        return max((loop.n_steps for _, loop in self.limbs), default=0) or self.schedule.steps
 
     @property
     def t(self) -> Array:
@@ -168,21 +224,19 @@ class ClosedLoop:
         if fine.shape not in ((1,), (n,)):
             raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
         steps = (float(coarse), np.broadcast_to(fine, n).astype(np.float64).tolist())
-        schedule = _schedule(robot, reference, controller, rate, records, steps, None)
         return cls(
             robot,
             reference,
             controller,
             rate,
             records,
-            schedule,
             steps,
-            None if start is None else _state(start, n),
-            None if external is None else _push(external, n),
-            float(divergence),
-            memory.checked(controller),
-            integrator,
-        )
+            start=None if start is None else _state(start, n),
+            external=None if external is None else _push(external, n),
+            divergence=float(divergence),
+            memory=memory.checked(controller),
+            integrator=integrator,
+        )._checked()
 
     def along(self, motion: Reference) -> ClosedLoop:
         """Return the same loop with fine steps where a motion has velocities near zero.
@@ -190,22 +244,20 @@ class ClosedLoop:
         By default the reference determines these intervals, but the robot lags behind it. The measured motion, or that of an
         earlier run, shows the reversals better.
         """
-        schedule = _schedule(
-            self.robot, self.reference, self.controller, self.rate_hz, self.n_records, self.steps, motion
-        )
-        return replace(self, schedule=schedule)
+        return replace(self, motion=motion, parts=1)._checked()
 
     def even(self, step: float) -> ClosedLoop:
         """Return the same loop with steps of at most `step` (s) throughout."""
-        steps = (step, [step] * self.robot.n_dof)
-        schedule = _schedule(
-            self.robot, self.reference, self.controller, self.rate_hz, self.n_records, steps, None
-        )
-        return replace(self, schedule=schedule, steps=steps)
+        return replace(self, steps=(step, [step] * self.robot.n_dof), motion=None, parts=1)._checked()
 
     def divided(self, parts: int) -> ClosedLoop:
         """Return the same loop with every step divided into `parts`."""
-        return replace(self, schedule=self.schedule.divided(parts))
+        return replace(self, parts=parts * self.parts)
+
+    def _checked(self) -> ClosedLoop:
+        """Return itself, if its steps are possible."""
+        self.schedule  # noqa: B018 - a wrong one must fail here
+        return self
 
     def run(
         self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None
@@ -224,9 +276,12 @@ class ClosedLoop:
             All cores by default; the bits do not depend on it.
         """
         scale = self._scale_of(x, gain_scale, threads)
-        with CoreErrorsAs(SimulationError):
-            arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
-        outcomes = outcomes_of(endings)
+        if self.limbs:
+            arrays, outcomes = self._run_limbs(x, scale, threads)
+        else:
+            with CoreErrorsAs(SimulationError):
+                arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
+            outcomes = outcomes_of(endings)
         for candidate, outcome in enumerate(outcomes):
             if outcome.time_s is not None:
                 # After its end a run continues with its neighbours in the lanes; its later values are invalid.
@@ -234,6 +289,26 @@ class ClosedLoop:
                 for values in arrays:
                     values[candidate, ended] = np.nan
         return list(arrays), outcomes
+
+    def _run_limbs(
+        self, x: Array, scale: Array, threads: int | None
+    ) -> tuple[list[Array], tuple[Outcome, ...]]:
+        arrays = [np.empty((len(x), self.n_records, self.robot.n_dof)) for _ in range(4)]
+        endings = []
+        for joints, own, loop in self._limbs(x):
+            parts, outcomes = loop.run(own, gain_scale=scale[:, joints].copy(), threads=threads)
+            for values, part in zip(arrays, parts, strict=True):
+                values[..., joints] = part
+            endings.append([outcome.of_limb(joints) for outcome in outcomes])
+        return arrays, tuple(map(first_to_end, zip(*endings, strict=True)))
+
+    def _limbs(self, x: Array) -> Iterator[tuple[list[int], Array, ClosedLoop]]:
+        """Give joints, parameters of the candidates, and closed loop of each limb."""
+        count = len(self.robot.parameter_names)
+        if x.shape[1] != count:
+            raise SimulationError(f"x needs {count} parameters per candidate, got {x.shape[1]}")
+        for limb, loop in self.limbs:
+            yield list(limb.joints), np.ascontiguousarray(x[:, limb.indices]), loop
 
     def costs(
         self,
@@ -258,6 +333,21 @@ class ClosedLoop:
             Weights of squared position and torque errors.
         """
         scale = self._scale_of(x, gain_scale, threads)
+        if self.limbs:
+            total, ended = np.zeros(len(x)), []
+            for joints, own, loop in self._limbs(x):
+                part, outcomes = loop.costs(
+                    own,
+                    np.ascontiguousarray(q[:, joints]),
+                    np.ascontiguousarray(tau[:, joints]),
+                    weight_q=weight_q[joints],
+                    weight_tau=weight_tau[joints],
+                    gain_scale=scale[:, joints].copy(),
+                    threads=threads,
+                )
+                total += part
+                ended.append([outcome.of_limb(joints) for outcome in outcomes])
+            return total, tuple(map(first_to_end, zip(*ended, strict=True)))
         with CoreErrorsAs(SimulationError):
             costs, endings = _core.simulate_cost(
                 self.core, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), core_threads(threads)
@@ -335,31 +425,6 @@ def _check_friction(robot: Robot) -> None:
 
 def _smooth(robot: Robot) -> bool:
     return robot.friction.coulomb == "tanh"
-
-
-def _schedule(
-    robot: Robot,
-    reference: Reference,
-    controller: Controller,
-    rate: float,
-    records: int,
-    steps: tuple[float, Sequence[float]],
-    motion: Reference | None,
-) -> _core.Schedule:
-    _check_steps(steps, controller.core.period, (records - 1) / rate)
-    near = (NEAR_ZERO if motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
-    with CoreErrorsAs(SimulationError):
-        return _core.Schedule(
-            robot.core,
-            reference.core,
-            rate=rate,
-            records=records,
-            period=controller.core.period,
-            coarse=steps[0],
-            fine=steps[1],
-            slow=[near * value for value in robot.friction.smoothing],
-            motion=None if motion is None else motion.core,
-        )
 
 
 def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:

@@ -10,6 +10,7 @@ Tested in ``tests/test_control.py`` and in the core against closed forms.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -272,6 +273,20 @@ class Controller(Pickled, Brief):
         made = replace(self, feedforward=(float(rate_hz), values))
         made.core  # noqa: B018 - a wrong one must fail here
         return made
+
+    def of_joints(self, joints: Sequence[int]) -> Controller:
+        """Return the laws of some joints, from 0."""
+        at, digital, forward = list(joints), self.digital, self.feedforward
+        if digital is not None and len(digital.resolution) > 1:
+            digital = replace(digital, resolution=tuple(digital.resolution[joint] for joint in at))
+        return replace(
+            self,
+            laws=self.laws[at],
+            gain=self.gain[at],
+            saturation=self.saturation[at],
+            digital=digital,
+            feedforward=None if forward is None else (forward[0], forward[1][:, at]),
+        )
 
     @cached_property
     def core(self) -> _core.Controller:

@@ -7,7 +7,8 @@ delayed outputs. Tested in ``tests/test_controller_start.py`` and in ``rust/test
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -103,6 +104,15 @@ class ControllerMemory:
                     f"{key} of this controller's memory need shape ({count}, {n}), got {given.shape}"
                 )
         return self
+
+    def of_joints(self, joints: Sequence[int]) -> ControllerMemory:
+        """Return the memory of some joints, from 0."""
+        at = list(joints)
+        outputs, positions = (
+            None if part is None else np.asarray(part)[:, at] for part in (self.outputs, self.positions)
+        )
+        values = tuple(self.values[joint] for joint in at) if self.values else ()
+        return replace(self, values=values, outputs=outputs, positions=positions)
 
     @property
     def core(self) -> tuple[str, list[float], list[float] | None, list[float] | None]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from .._tools.arrays import Array
@@ -45,6 +46,10 @@ class Outcome:
     def completed(self) -> bool:
         """Whether the run reached its end."""
         return self.status is SimulationStatus.COMPLETED
+
+    def of_limb(self, joints: Sequence[int]) -> Outcome:
+        """Return the outcome in a robot, of a run of a limb with some of its joints, from 0."""
+        return self if self.joint is None else replace(self, joint=joints[self.joint - 1] + 1)
 
     def __str__(self) -> str:
         if self.status is SimulationStatus.DIVERGED:
@@ -92,3 +97,8 @@ def outcomes_of(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...
         Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
         for kind, time, joint in endings
     )
+
+
+def first_to_end(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the outcome of a robot from those of its limbs: the one that ended first."""
+    return min(outcomes, key=lambda outcome: math.inf if outcome.time_s is None else outcome.time_s)

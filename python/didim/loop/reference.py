@@ -6,7 +6,7 @@ Every kind becomes pieces of fifth degree in the core, with positions, velocitie
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,6 +74,19 @@ class Reference(Brief):
         if times.ndim != 1:
             raise ReferenceError(f"t must have shape (n_times,), got {times.shape}")
         return self.core.at(times)
+
+    def of_joints(self, joints: Sequence[int]) -> Reference | None:
+        """Return the motion of some joints, from 0; None if accelerations jump, as in moves whose joints arrive together."""
+        if self.core.breaks:
+            return None
+        maker, (first, *arguments) = self.made_from
+        at = list(joints)
+        if maker == "fourier":
+            offset, sine, cosine, *rest = arguments
+            arguments = [[offset[joint] for joint in at], sine[:, at].copy(), cosine[:, at].copy(), *rest]
+        else:
+            arguments = [values[:, at].copy() for values in arguments]
+        return _made(self.kind, maker, (first, *arguments))
 
     @classmethod
     def sampled(cls, q: ArrayLike, *, rate_hz: float) -> Reference:

@@ -49,7 +49,7 @@ class Simulation(Brief):
     error : IntegrationError or None
         Estimate for the first candidate, if requested.
     n_steps : int
-        Steps of one run.
+        Steps of one run; of the limb that takes most.
     """
 
     t: Array
@@ -173,7 +173,7 @@ def simulate(  # many parameters: the public keywords of the page on the API
             warnings.warn(too_large(error), StepWarning, stacklevel=2)
     if single:
         q, dq, ddq, tau = q[0], dq[0], ddq[0], tau[0]
-    return Simulation(loop.t, q, dq, ddq, tau, outcomes, error, loop.schedule.steps)
+    return Simulation(loop.t, q, dq, ddq, tau, outcomes, error, loop.n_steps)
 
 
 def too_large(error: IntegrationError) -> str:

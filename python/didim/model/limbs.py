@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.placement import Mount
 from ..robot.robot import Robot
+
+REMEMBERED = 8
+"""Number of robots whose limbs are kept: every closed loop of a log asks for them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,8 @@ class Limb:
         Common part of its joints' names, or "joints 1 to 3".
     joints : tuple of int
         Numbers of its driven joints in the robot, from 0.
+    links : tuple of int
+        Numbers of all its joints in the robot, followers included, from 0.
     robot : Robot
         The limb as a separate robot.
     indices : (n_limb_parameters,) array
@@ -35,11 +41,17 @@ class Limb:
 
     name: str
     joints: tuple[int, ...]
+    links: tuple[int, ...]
     robot: Robot
     indices: NDArray[np.intp]
 
+    def of(self, robot: Robot) -> Robot:
+        """Return the same limb of a robot with the same joints."""
+        return _limb(robot, self.links).robot
 
-def limbs_of(robot: Robot) -> list[Limb]:
+
+@lru_cache(maxsize=REMEMBERED)
+def limbs_of(robot: Robot) -> tuple[Limb, ...]:
     """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
     geometry = robot.geometry
     group = list(range(robot.n_joints))
@@ -57,16 +69,16 @@ def limbs_of(robot: Robot) -> list[Limb]:
     for joint, follower in enumerate(geometry.followers, start=robot.n_dof):
         for leader, _ in follower.leaders:
             merge(joint, leader)
-    return [
+    return tuple(
         _limb(robot, tuple(joint for joint, other in enumerate(group) if other == first))
         for first in dict.fromkeys(group)
-    ]
+    )
 
 
 def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
     """Return the limb of some joints, followers included, which have the last numbers here too."""
     if len(joints) == robot.n_joints:
-        return Limb("", joints[: robot.n_dof], robot, np.arange(len(robot.parameter_names)))
+        return Limb("", joints[: robot.n_dof], joints, robot, np.arange(len(robot.parameter_names)))
     driven = tuple(joint for joint in joints if joint < robot.n_dof)
     place = {joint: k for k, joint in enumerate(joints)}
     geometry, friction = robot.geometry, robot.friction
@@ -113,7 +125,7 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
         _own=frozenset(),
     )
     indices = [robot.parameter_names.index(renamed(name, joints)) for name in alone.parameter_names]
-    return Limb(_name(robot, driven), driven, alone, np.array(indices))
+    return Limb(_name(robot, driven), driven, joints, alone, np.array(indices))
 
 
 def renamed(name: str, joints: tuple[int, ...]) -> str:

@@ -228,19 +228,15 @@ class LinearSystem:
 
         An empty column belongs to the first group, whose solution reports it.
         """
-        groups: list[tuple[set[int], set[int]]] = []
-        for joint, columns in enumerate(self.joint_columns):
-            joints, own = {joint}, set(columns.tolist())
-            for group in [group for group in groups if group[1] & own]:
-                groups.remove(group)
-                joints, own = joints | group[0], own | group[1]
-            groups.append((joints, own))
-        groups.sort(key=lambda group: min(group[0]))
-        groups[0][1].update(set(range(len(self.names))).difference(*(own for _, own in groups)))
+        groups = independent(self.joint_columns)
+        empty = np.setdiff1d(np.arange(len(self.names)), np.concatenate([own for _, own in groups]))
         rows = [np.arange(part.start, part.stop) for part in self.joints]
         return tuple(
-            (np.concatenate([rows[joint] for joint in sorted(joints)]), np.array(sorted(own), dtype=np.intp))
-            for joints, own in groups
+            (
+                np.concatenate([rows[joint] for joint in joints]),
+                own if number else np.sort(np.concatenate([own, empty])),
+            )
+            for number, (joints, own) in enumerate(groups)
         )
 
     @cached_property
@@ -343,3 +339,18 @@ def check_solvable(system: LinearSystem) -> None:
             "use a longer record or window, or decimate less"
         )
     check_size(system)
+
+
+def independent(
+    joint_columns: Sequence[NDArray[np.intp]],
+) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Return groups of joints and of columns, (k,) each, that share none, by the columns of each joint; in the order of joints."""
+    groups: list[tuple[set[int], set[int]]] = []
+    for joint, columns in enumerate(joint_columns):
+        joints, own = {joint}, set(columns.tolist())
+        for group in [group for group in groups if group[1] & own]:
+            groups.remove(group)
+            joints, own = joints | group[0], own | group[1]
+        groups.append((joints, own))
+    groups.sort(key=lambda group: min(group[0]))
+    return [(np.array(sorted(joints)), np.array(sorted(own), dtype=np.intp)) for joints, own in groups]

@@ -251,7 +251,7 @@ def simulate_window(
     loop = closed_loop(experiment, recording, window)
     arrays, outcomes = loop.run(x[None])
     q, dq, ddq, tau = (values[0] for values in arrays)
-    return Simulation(loop.t, q, dq, ddq, tau, outcomes, None, loop.schedule.steps)
+    return Simulation(loop.t, q, dq, ddq, tau, outcomes, None, loop.n_steps)
 
 
 def motion_of(fit: Identification) -> tuple[Motion, bool]:

@@ -81,7 +81,7 @@ class SimulationReport(Printed):
         robot = self.loop.robot
         lines = [
             f"{self.experiment.name}: {self.loop.n_records} records in {self.loop.t[-1]:.6g} s, "
-            f"{self.loop.schedule.steps} steps: {self.outcome}"
+            f"{self.loop.n_steps} steps: {self.outcome}"
         ]
         if not self.outcome.completed:
             return "\n".join(lines)

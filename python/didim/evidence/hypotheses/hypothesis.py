@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...model.limbs import Limb
 from ...robot.robot import Robot
 
 FACTORS = (0.3, 0.5, 0.7, 0.85, 0.96, 1.0, 1.04, 1.18, 1.4, 2.0, 3.3)
@@ -68,6 +69,33 @@ class Hypothesis:
     def turns(self) -> bool:
         """Whether it turns the sign of one joint's torque or position, which the sign of friction reveals."""
         return self.code in ("torque-sign", "position-sign", "joint-sign")
+
+    def within(self, limb: Limb, robot: Robot) -> Hypothesis | None:
+        """Return the hypothesis for a limb of a declared robot, as a robot of its own; None if it changes more than that limb."""
+        at, n = list(limb.joints), robot.n_dof
+        inside = bool(self.joints) and all(joint - 1 in limb.links for joint in self.joints)
+        if not inside or self.torque is not None or self.rate != 1.0 or n == len(at):
+            return None
+        own = np.ix_(at, at)
+        for matrix in (self.position, self.mixing(n)):
+            if matrix is not None:
+                kept = np.eye(n)
+                kept[own] = matrix[own]
+                if not np.array_equal(kept, matrix):
+                    return None
+        if self.robot is not None:
+            before, after = robot.geometry, self.robot.geometry
+            for key in ("kinds", "alpha", "d", "theta", "r", "mounts"):
+                pairs = enumerate(zip(getattr(before, key), getattr(after, key), strict=True))
+                if any(a != b for joint, (a, b) in pairs if joint not in limb.links):
+                    return None
+        return replace(
+            self,
+            robot=None if self.robot is None else limb.of(self.robot),
+            position=None if self.position is None else self.position[own],
+            order=None if self.order is None else tuple(at.index(self.order[joint]) for joint in at),
+            factors=None if self.factors is None else self.factors[at],
+        )
 
     def mixing(self, n: int) -> Array:
         """Return M of the logged torques ``M tau``, (n, n)."""

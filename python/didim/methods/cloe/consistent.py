@@ -26,6 +26,7 @@ from ..didim.globalisation import SecantSteps
 from ..didim.iterations import Iterations
 from ..didim.problem import ConsistentProblem
 from ..start import further_of
+from .jacobian import Jacobian
 from .levenberg_marquardt import DAMPINGS, Advance
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -67,22 +68,22 @@ class ConsistentSteps:
         return np.asarray(self.problem.base.project(candidate)[self.problem.estimated])
 
     def trials(
-        self, candidate: Array, errors: Array, jacobian: Array, damping: float
+        self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
     ) -> tuple[list[Array], float]:
         """Return a robot for each damping, and the share of the cost by which the linear model decreases with the least damping."""
         found = self._robots(
             self.point(candidate), errors, jacobian, damping * DAMPINGS, float(errors @ errors)
         )
-        left = errors + jacobian.T @ (self.point(found[0]) - self.point(candidate))
+        left = jacobian.changed(errors, self.point(found[0]) - self.point(candidate))
         return found, 1.0 - float(left @ left) / float(errors @ errors)
 
     def _robots(
-        self, point: Array, errors: Array, jacobian: Array, dampings: Array, cost: float
+        self, point: Array, errors: Array, jacobian: Jacobian, dampings: Array, cost: float
     ) -> list[Array]:
         n = len(point)
         scale = np.sqrt(max(0, errors.size - n) / cost * min(1.0, self.begun.n_rows / errors.size))
-        triangle = np.linalg.qr(np.column_stack([jacobian.T, jacobian.T @ point - errors]), mode="r")
-        size = np.linalg.norm(jacobian, axis=1)
+        triangle = jacobian.triangles(point, errors)
+        size = np.sqrt(np.diag(jacobian.normal))
         size = np.where(size > 0.0, size, 1.0)
         found = []
         for damping in dampings:
@@ -96,7 +97,7 @@ class ConsistentSteps:
         """Whether the predicted or an accepted decrease is small: a failed step with a large prediction is not an optimum."""
         return measure <= AT_OPTIMUM or (accepted and fall <= AT_OPTIMUM)
 
-    def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
+    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
         """Return the undamped step among robots."""
 
         def advance(x: Array, errors: Array) -> Array:

@@ -17,13 +17,14 @@ from ..._tools.arrays import Array
 from ..._tools.words import joints_text, series
 from ...errors import FitError
 from ...regression.covariance import autocorrelated
-from ...regression.jackknife import Factors
+from ...regression.jackknife import Branches, Factors
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ...signal.noise import white_noise
 from ..uncertainty import Spread, spread_of_factors
 from .finer_steps import corrected
+from .jacobian import Jacobian
 from .output_error import OutputError
 
 DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
@@ -65,14 +66,14 @@ class Steps(Protocol):
         """Return the estimated base parameters of a candidate, (n,)."""
 
     def trials(
-        self, candidate: Array, errors: Array, jacobian: Array, damping: float
+        self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
     ) -> tuple[list[Array], float]:
         """Return a candidate for each of `DAMPINGS`, and the measure of optimality."""
 
     def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
         """Whether the search has ended at an optimum."""
 
-    def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
+    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
         """Return the undamped step with given errors (`finer_steps.corrected`); None if the outputs do not determine it."""
 
     def finish(self, fit: Identification, candidate: Array) -> Identification:
@@ -118,7 +119,7 @@ class Search:
         self.errors = errors[0]
         self.cost = float(self.errors @ self.errors)
         self.initial = self.cost if math.isnan(self.initial) else self.initial
-        self.jacobian: Array | None = None
+        self.jacobian: Jacobian | None = None
         self.normal = np.eye(self.point.size)
 
     def iterate(self) -> Status:
@@ -216,9 +217,9 @@ class Search:
         )
         return self.steps.finish(fit, self.candidate)
 
-    def _differentiate(self) -> Array:
+    def _differentiate(self) -> Jacobian:
         self.jacobian = self.problem.derivatives(self.point, self.errors)
-        self.normal = self.jacobian @ self.jacobian.T
+        self.normal = self.jacobian.normal
         return self.jacobian
 
     def _entry(self, number: int, measure: float, length: float) -> Iteration:
@@ -245,7 +246,6 @@ class SafeSteps:
 
     def __init__(self, problem: OutputError) -> None:
         self.problem = problem
-        self._normal: tuple[Array, Array] | None = None
 
     def begin(self) -> Array:
         """Return the start of the problem."""
@@ -260,12 +260,10 @@ class SafeSteps:
         return candidate
 
     def trials(
-        self, candidate: Array, errors: Array, jacobian: Array, damping: float
+        self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
     ) -> tuple[list[Array], float]:
         """Return a point for each damping, and the largest cosine of the errors and a derivative."""
-        if self._normal is None or self._normal[0] is not jacobian:
-            self._normal = jacobian, jacobian @ jacobian.T  # once for all dampings
-        normal, gradient = self._normal[1], jacobian @ errors
+        normal, gradient = jacobian.normal, jacobian.gradient(errors)
         diagonal = np.diag(normal).copy()
         diagonal[diagonal == 0.0] = 1.0
         cost = float(errors @ errors)
@@ -277,7 +275,7 @@ class SafeSteps:
         """Whether the gradient is zero."""
         return measure <= GRADIENT
 
-    def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
+    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
         """Return the undamped step, where the outputs identify every parameter."""
         return partial(_correction, self.problem, jacobian) if identifies(normal) else None
 
@@ -320,11 +318,11 @@ def _trials(
     return np.stack(trials)
 
 
-def _correction(problem: OutputError, jacobian: Array, point: Array, errors: Array) -> Array:
+def _correction(problem: OutputError, jacobian: Jacobian, point: Array, errors: Array) -> Array:
     """Return the point after an undamped step with given errors, shortened until M(q) is positive definite."""
-    normal = jacobian @ jacobian.T
+    normal = jacobian.normal
     diagonal = np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0)
-    return np.asarray(_trials(problem, point, normal, jacobian @ errors, diagonal, np.zeros(1))[0])
+    return np.asarray(_trials(problem, point, normal, jacobian.gradient(errors), diagonal, np.zeros(1))[0])
 
 
 def _scaled(normal: Array) -> tuple[Array, Array, Array]:
@@ -341,7 +339,7 @@ def identifies(normal: Array) -> bool:
 
 
 def spread_at(
-    problem: OutputError, normal: Array, errors: Array, jacobian: Array | None
+    problem: OutputError, normal: Array, errors: Array, jacobian: Jacobian | None
 ) -> tuple[Spread, float, list[str]]:
     """Return the spread of the estimate, the condition number of the scaled columns, and remarks.
 
@@ -355,25 +353,33 @@ def spread_at(
             math.inf,
             ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
-    size, values, vectors = _scaled(normal)
-    if values[0] <= SINGULAR_NORMAL_MATRIX * values[-1]:
-        names = [problem.base.names[index] for index in problem.estimated]
-        hardly = series(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
+    scaled = [_scaled(normal[np.ix_(part.columns, part.columns)]) for part in jacobian.parts]
+    names = [problem.base.names[index] for index in problem.estimated]
+    worst = min(range(len(scaled)), key=lambda k: scaled[k][1][0])
+    least, largest = scaled[worst][1][0], max(values[-1] for _, values, _ in scaled)
+    if least <= SINGULAR_NORMAL_MATRIX * largest:
+        weak = jacobian.parts[worst].columns[np.abs(scaled[worst][2][:, 0]) > 0.1]
+        hardly = series(names[k] for k in weak)
         remark = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
         return nothing, math.inf, [remark]
-    inverse = (vectors / values) @ vectors.T / np.outer(size, size)
-    blocks = problem.blocks()
-    covariance, correlated = autocorrelated(jacobian.T, errors, blocks, inverse)
-    root = (vectors / np.sqrt(values)) / size[:, None]
-    q = jacobian.T @ root
+    blocks, correlated = problem.blocks(), list[int]()
+    covariance, roots, factors = np.zeros_like(normal), np.zeros_like(normal), []
+    for part, (size, values, vectors) in zip(jacobian.parts, scaled, strict=True):
+        own, place = part.errors(errors), np.ix_(part.columns, part.columns)
+        inverse = (vectors / values) @ vectors.T / np.outer(size, size)
+        covariance[place], lasting = autocorrelated(part.slopes.T, own, part.blocks(blocks), inverse)
+        correlated += lasting
+        roots[place] = root = (vectors / np.sqrt(values)) / size[:, None]
+        q = part.slopes.T @ root
+        factors.append((part.rows, part.columns, Factors(q, q, root, -own)))
     spread = spread_of_factors(
-        Factors(q, q, root, -errors),
+        Branches(factors, roots, -errors),
         covariance,
         "correlated",
         blocks,
         problem.job.settings,
         problem.job.selection,
-        [problem.base.names[index] for index in problem.estimated],
+        names,
     )
     remarks = []
     if correlated:
@@ -382,4 +388,4 @@ def spread_at(
             f"the output errors of {joints} are correlated in time: they are model error more than noise; the standard deviations "
             "include the correlation, but no bias"
         )
-    return spread, float(np.sqrt(values[-1] / values[0])), remarks
+    return spread, float(np.sqrt(largest / least)), remarks

@@ -38,6 +38,7 @@ from ..idim_ls import direct_estimate
 from ..job import Delay, Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
 from .checkpoint import Checkpoint
+from .jacobian import Jacobian
 from .settings import CLOESettings, Output
 
 CHECKED_POSITIONS = 200
@@ -159,22 +160,19 @@ class OutputError:
                 place = stop
         return found
 
-    def derivatives(self, point: Array, errors: Array) -> Array:
-        """Return derivatives of the weighted errors, (n, n_rows), by differences of parallel simulations."""
+    def derivatives(self, point: Array, errors: Array) -> Jacobian:
+        """Return derivatives of the weighted errors, by differences of parallel simulations."""
         steps, directions = DERIVATIVE_STEP * self.scale, self.directions
-        moved, completed = (
-            found[directions.number] for found in self.errors(point + directions.changes(steps))
-        )
+        moved, completed = self.errors(point + directions.changes(steps))
         moved -= errors
-        moved /= steps[:, None]
+        jacobian = Jacobian.of(moved, directions, steps)
         if not completed.all():
             # At the boundary of the feasible set the step to the other side is inside.
-            back = np.flatnonzero(np.logical_not(completed))
+            back = np.flatnonzero(np.logical_not(completed[directions.number]))
             other, inside = self.errors(point - np.diag(steps)[back])
-            moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)
-        if not directions.joints.all():
-            moved.reshape(len(steps), -1, directions.joints.shape[1])[...] *= directions.joints[:, None]
-        return moved
+            slopes = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)
+            jacobian.replace_rows(back, slopes, directions)
+        return jacobian
 
     def safe_share(self, point: Array, target: Array) -> float:
         """Return the share of the step to a target for which M(q) stays positive definite."""

@@ -127,8 +127,8 @@ class SimplexSearch:
     def _edged(self, point: Array, norm: float) -> tuple[Array, Array]:
         """Return a simplex with edges that change the outputs by a share of their errors, and the lengths of the edges."""
         problem = self.problem
-        columns = problem.derivatives(point, problem.errors(point[None])[0][0])
-        sizes = np.linalg.norm(columns, axis=1)
+        jacobian = problem.derivatives(point, problem.errors(point[None])[0][0])
+        sizes = np.sqrt(np.diag(jacobian.normal))
         # A parameter without effect here gets an edge by its effect on the torques.
         edges = np.where(sizes > 0.0, EDGE * norm / np.where(sizes > 0.0, sizes, 1.0), 0.1 * problem.scale)
         edges = np.minimum(edges, problem.scale)

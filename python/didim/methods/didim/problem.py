@@ -213,7 +213,7 @@ class Problem:
                 "reference": getattr(experiment.reference, "settings", None),
                 "controller": getattr(experiment.controller, "settings", None),
                 "laws": loop.controller.laws.tolist(),
-                "steps": loop.schedule.steps,
+                "steps": loop.n_steps,
             },
         }
 
