@@ -80,7 +80,7 @@ def test_a_restart_of_a_simplex_that_was_worth_it(fall: float, again: bool) -> N
 
 def test_edges_of_a_simplex_change_the_outputs_by_three_tenths_of_their_errors() -> None:
     problem = stub(
-        errors=lambda points: ([None], None), derivatives=lambda point, errors: np.diag([2.0, 5.0]),
+        errors=lambda points: ([None], None), derivatives=lambda point, errors: stub(normal=np.diag([4.0, 25.0])),
         scale=np.full(2, 9.0), safe_share=lambda point, target: 1.0,
     )  # fmt: skip
     _, edges = SimplexSearch._edged(stub(problem=problem), np.zeros(2), 4.0)
