@@ -174,7 +174,7 @@ def test_a_random_robot_is_held_near_its_point_and_corrections_are_hardly_damped
     steps = steps_among_robots(rows)
     steps.begun_near(np.zeros(1))
     assert rows.pop().tolist() == [[50.0]]
-    jacobian = np.ones((1, 101))
+    jacobian = cast(Any, np.ones((1, 101)))
     advance = steps.correction(jacobian, np.eye(1), 100.0)
     assert advance is not None
     dampings: list[Array] = []

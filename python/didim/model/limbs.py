@@ -50,9 +50,13 @@ class Limb:
         return _limb(robot, self.links).robot
 
 
-@lru_cache(maxsize=REMEMBERED)
-def limbs_of(robot: Robot) -> tuple[Limb, ...]:
+def limbs_of(robot: Robot) -> list[Limb]:
     """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
+    return list(_limbs_of(robot))
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _limbs_of(robot: Robot) -> tuple[Limb, ...]:
     geometry = robot.geometry
     group = list(range(robot.n_joints))
     coupling = np.array(geometry.coupling) != 0.0
