@@ -3,6 +3,7 @@
     python benches/missing_friction.py                          40 logs a row
     python benches/missing_friction.py --motions 25 --seeds 2   50 logs a row, as in docs/uncertainty.md
     python benches/missing_friction.py --choice                 the terms that ``auto`` chooses on three arms, and their intervals
+    python benches/missing_friction.py --warm                   laws of a recorded temperature that ``auto`` chooses
     python benches/missing_friction.py --closed-loop            how often IDIM-LS and DIDIM name it on logs of closed loops
 
 Logs of 10 s of a planar arm with 13 base parameters, or of other arms, IDIM-LS; each row has a friction law in the log that the
@@ -88,9 +89,13 @@ def main() -> None:
     parser.add_argument(
         "--closed-loop", action="store_true", help="logs of the closed loop, by IDIM-LS and DIDIM"
     )
+    parser.add_argument("--warm", action="store_true", help="choose terms of joints that warm up")
     given = parser.parse_args()
     if given.closed_loop:
         closed_loops(given.motions)
+        return
+    if given.warm:
+        warm(given)
         return
     if given.choice:
         choose(given)
@@ -183,6 +188,37 @@ def closed_loops(motions: int) -> None:
         name = f"{arm}, Stribeck {share:g} Fc, {method.name}"
         print(
             f"{name:32}{motions:5d}{count:6d}{100.0 * np.mean(before):11.1f} %{100.0 * np.mean(after):6.1f} %",
+            flush=True,
+        )
+
+
+def warm(given: argparse.Namespace) -> None:
+    """Print at how many joints that warm up by 8 K, with Coulomb friction that follows, its law is chosen, and coverage."""
+    print(f"{'change of Fc':36}{'joints':>7}{'Fct':>6}{'Fvt':>6}{'95 % of Fct':>14}")
+
+    def rise(n: int) -> np.ndarray:
+        return np.asarray(8.0 * (1.0 - np.exp(-3.0 * np.arange(n) / n)) - 4.0)
+
+    for arm, share in itertools.product(given.arms or ["planar2", "ur5e-like"], (0.0, 0.01, 0.03)):
+        fc, inside, viscous = subject(arm).fc, [], 0
+
+        def law(q: Any, dq: Any, rigid: Any, fc: Any, share: float = share) -> Any:
+            return share * rise(len(q))[:, None] * fc * np.sign(dq)
+
+        for motion in range(given.motions):
+            log = logged(robot(arm), law, FIRST + motion, noise="correlated", of=arm)
+            recording = log.recordings[0]
+            recording = replace(recording, temperature=30.0 + rise(len(recording.t)))
+            fit = didim.identify(replace(log, recordings=(recording,)), didim.IDIMLS(friction="auto"))
+            low, high = fit.confidence_interval()
+            for k, name in enumerate(fit.names):
+                viscous += name.startswith("Fvt")
+                if name.startswith("Fct"):
+                    inside.append(bool(low[k] <= share * fc[int(name[3:]) - 1] <= high[k]))
+        joints = given.motions * robot(arm).n_dof
+        held = f"{100.0 * np.mean(inside):.0f} %" if inside else "-"
+        print(
+            f"{f'{arm}, {100.0 * share:g} % per K':36}{joints:7d}{len(inside):6d}{viscous:6d}{held:>14}",
             flush=True,
         )
 

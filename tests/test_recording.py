@@ -617,7 +617,7 @@ def test_wrong_keys(
         (
             {"acceleration": {}},
             "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'rollouts', "
-            "'payload', 'kp', 'offsets', 'friction', 'time' and 5 more",
+            "'payload', 'kp', 'offsets', 'friction', 'time' and 6 more",
         ),
     ],
 )

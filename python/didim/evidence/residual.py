@@ -87,7 +87,7 @@ def residual_of(
     errors, torques, whites = [], [], []
     for part in parts:
         x = logs.standard(logs.lift(beta), part.recording)
-        error = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x)
+        error = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
         errors.append(row_values(error, signal).T)
         torques.append(row_values(part.tau, signal).T)
         whites.append(white_noise(part.tau) * row_noise(signal, part.rate_hz)[0])

@@ -12,6 +12,7 @@ from .._tools.words import did_you_mean
 from ..errors import ExcitationError
 from ..methods.start import standard_start
 from ..model.dynamics import inverse_dynamics, standard_vector
+from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
 from .clearance import Clearance
 from .criterion import criterion
@@ -43,7 +44,7 @@ class Task:
                 )
         # The sign of the velocity has no gradient.
         smooth = [max(settings.smoothing, one) for one in robot.friction.smoothing]
-        terms = [term for term in robot.friction.terms if term.law != "hold"]
+        terms = [term for term in robot.friction.terms if term.law not in ("hold", *OF_TEMPERATURE)]
         self.smooth = robot.with_terms(terms).with_smoothing(smooth)
         self.limits = motion_limits(
             robot,

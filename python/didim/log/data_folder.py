@@ -19,7 +19,7 @@ from .data_file import open_data_file
 from .data_format import MOST_COLUMNS, Column, DataFile
 from .text_files import OneColumnAFile, OneValueALine
 
-SOURCES = ("time", "position", "velocity", "torque", "external", "reference")
+SOURCES = ("time", "position", "velocity", "torque", "external", "temperature", "reference")
 """Tables of a recording that name data files."""
 
 MANY_COLUMNS = MOST_COLUMNS

@@ -47,6 +47,8 @@ class Recording(Pickled, Brief):
         (n_samples, n_dof) external torques (N.m) or forces (N) on the joints, or None: the model explains their sum with `tau`.
     rate_hz
         Sampling rate.
+    temperature
+        (n_samples, n_dof) temperatures of the joints in degC, or None; one column stands for all joints.
     q_ref
         (n_samples, n_dof) reference positions in rad or m, or None.
     role
@@ -85,6 +87,7 @@ class Recording(Pickled, Brief):
     dq: Array | None = None
     tau: Array | None = None
     external: Array | None = None
+    temperature: Array | None = None
     rate_hz: float
     q_ref: Array | None = None
     role: Role = "fit"
@@ -125,10 +128,12 @@ class Recording(Pickled, Brief):
         check_time(t, self.rate_hz, self.name)
         for key, value in (("t", t), ("q", q)):
             self._set(key, value)
-        for key in ("dq", "tau", "external", "q_ref"):
+        for key in ("dq", "tau", "external", "temperature", "q_ref"):
             value = getattr(self, key)
             if value is None:
                 continue
+            if key == "temperature" and np.size(value) == n_samples:
+                value = np.tile(np.reshape(value, (n_samples, 1)), q.shape[1])
             value = self._matrix(key, value)
             if value.shape != q.shape:
                 raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")

@@ -22,7 +22,15 @@ from .data_folder import SOURCES, DataFolder, Source
 from .recording import OWN, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
-from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
+from .units import (
+    ESTIMATE,
+    TEMPERATURE,
+    TIME,
+    current_factors,
+    effort_factors,
+    position_factors,
+    velocity_factors,
+)
 
 GAPS = "gaps"
 """Value of ``rollouts`` that starts a rollout at each gap of the time stamps; any other value names a column."""
@@ -69,7 +77,7 @@ def read_recording(
     Parameters
     ----------
     table
-        The table, with the sub-tables `time`, `position`, `velocity`, `torque`, `external` and `reference`.
+        The table, with the sub-tables `time`, `position`, `velocity`, `torque`, `external`, `temperature` and `reference`.
     name
         Name of the recording where the table gives none.
     robot
@@ -89,8 +97,7 @@ def read_recording(
     RecordingError
         On a file that contradicts its table; the message names file, row and column.
     """
-    name = table.text("name", name)
-    role = cast("Role", table.text("role"))
+    name, role = table.text("name", name), cast("Role", table.text("role"))
     rate = table.number("rate_hz", None)
     windows_s = table.raw("windows_s")
     rollouts = table.text("rollouts", None)
@@ -128,6 +135,7 @@ def read_recording(
         dq=values.get("velocity"),
         tau=values.get("torque"),
         external=values.get("external"),
+        temperature=values.get("temperature"),
         rate_hz=rate,
         q_ref=values.get("reference"),
         windows=windows or clock_of.windows,
@@ -205,7 +213,10 @@ def _sources(table: Table, robot: _Robot, folder: DataFolder) -> dict[str, Sourc
         table.fail("the table [recording.position] is missing")
     if tables["external"] is not None and tables["torque"] is None:
         table.fail("the table [recording.external] needs [recording.torque] beside it")
-    widths = {"time": (1,)}
+    widths: dict[str, tuple[int]] = {"time": (1,)}
+    columns = None if tables["temperature"] is None else tables["temperature"].raw("columns", None)
+    if isinstance(columns, list) and len(columns) == 1:  # all joints share it
+        widths["temperature"] = (1,)
     joints = (len(robot.joint_kinds), robot.joint_names)
     return {
         key: folder.source(key, part, *widths.get(key, joints))
@@ -346,6 +357,12 @@ class _Channel:
         source.table.done()
         return cls(source, np.array(factors), matrix, matrix)
 
+    @classmethod
+    def temperature(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
+        zero = TEMPERATURE[source.table.text("unit")]
+        source.table.done()
+        return cls(source, np.ones(1), None, None, zeros=zero)
+
     def read(self) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
             values = self.source.values() * self.factors + self.zeros
@@ -357,6 +374,7 @@ MAKERS: Mapping[str, Callable[[Source, _Robot, Array | None], _Channel]] = {
     "velocity": _Channel.velocity,
     "torque": _Channel.effort,
     "external": _Channel.effort,
+    "temperature": _Channel.temperature,
     "reference": _Channel.motion,
 }
 """Constructors of the channels, by table."""

@@ -15,6 +15,9 @@ from ..robot.robot import Robot
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 """Seconds per unit of time."""
 
+TEMPERATURE = {"degC": 0.0, "K": -273.15}
+"""Zero of each unit of temperature (degC)."""
+
 POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
 """Radians or metres per unit of position; counts also need the encoder's resolution."""
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.words import joints_text, series
+from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..regression.friction.candidates import LEAST_WARMING
 from ..regression.friction.choice import LARGEST_MISFIT, FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..regression.least_squares import solve
@@ -116,11 +118,15 @@ def with_known_friction(
     """
     settings = method if isinstance(method, MethodSettings) else MethodSettings()
     friction = experiment.robot.friction
+    if friction.warmed:
+        _check_temperature(method, experiment)
     auto = settings.friction == "auto" or friction.auto
     if not auto and not friction.estimated:
         return experiment, None
     job = settings.job(experiment)
     parts = job.parts("fit", job.delay())
+    if method.motion == "simulated":  # at the temperature of reference
+        parts = [replace(part, temperature=None) for part in parts]
     chosen = (dict(job.fixed), job.dropped)
 
     def solved(system: LinearSystem) -> tuple[Array, Array]:
@@ -138,3 +144,34 @@ def with_known_friction(
         )
     found = settled(robot, parts, job.signal, chosen, solved)
     return replace(experiment, robot=found.robot), FoundFriction(found.velocities)
+
+
+def _check_temperature(method: Method, experiment: Experiment) -> None:
+    """Refuse laws of temperature for simulations, and for recordings whose temperature is unknown or hardly varies.
+
+    Raises
+    ------
+    FitError
+        The sentence names the parameter (``test_friction_temperature.py``).
+    """
+    terms = experiment.robot.friction.warmed
+    if method.motion == "simulated":
+        raise FitError(
+            f"{terms[0].parameter} depends on the temperature, and {method.name} simulates the robot at one: identify it by "
+            "idim-ls, or leave it out of [friction]"
+        )
+    fitted = [item for item in experiment.recordings if item.role == "fit"]
+    for term in terms:
+        recorded = []
+        for item in fitted:
+            if item.temperature is None:
+                raise FitError(
+                    f"recording '{item.name}' has no temperature, on which {term.parameter} depends: give [recording.temperature]"
+                )
+            recorded += [item.temperature[start:stop, term.joint] for start, stop in item.windows]
+        change = float(np.ptp(np.concatenate(recorded)))
+        if change < LEAST_WARMING:
+            raise FitError(
+                f"the temperature of joint {term.joint + 1} varies by {change:.2g} K, which is too little for {term.parameter} "
+                f"(at least {LEAST_WARMING:g} K): leave it out of [friction]"
+            )

@@ -205,7 +205,7 @@ class Job:
 
         def torque(part: Segment, solution: Array) -> Array:
             x = parameters.standard(parameters.lift(self.selection.expand(solution)), part.recording)
-            return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x)
+            return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
 
         declared = self.declared_delay
         return estimate_delay(

@@ -70,7 +70,9 @@ def rounding_shift(
         if part.recording in seen:
             rounded.append(_rounded(job, part, standard, delay, steps[part.recording]))
         else:
-            tau = inverse_dynamics(job.robot, part.q, part.dq, part.ddq, standard)
+            tau = inverse_dynamics(
+                job.robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature
+            )
             rounded.append(replace(part, tau=tau))
     base = beta[: job.parameters.n_base]
     system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
@@ -92,8 +94,9 @@ def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Se
     smooth = differentiate(recording.measured_positions()[start:stop], rate, smoother)
     grid = np.where(step > 0.0, step, 1.0)
     q = np.where(step > 0.0, np.round(smooth[0] / grid) * grid, smooth[0])
-    tau = inverse_dynamics(job.robot, *smooth, x)
+    warmth = () if recording.temperature is None else (recording.temperature[start:stop],)
+    tau = inverse_dynamics(job.robot, *smooth, x, temperature=warmth[0] if warmth else None)
     # The torque is that of its sample, so it is cut with the motion instead of being moved.
-    (*motion, torque), _ = align((*differentiate(q, rate, signal), tau), tau, shift(delay, rate))
+    (*motion, torque), _ = align((*differentiate(q, rate, signal), *warmth, tau), tau, shift(delay, rate))
     made = trimmed(recording, part.place, signal, motion, torque)
     return replace(made, recording=part.recording, window=part.window)

@@ -17,14 +17,15 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..errors import RobotError
-from ..robot.friction import OF_POSITION, STIFF
+from ..robot.friction import OF_POSITION, OF_TEMPERATURE, STIFF
 from ..robot.robot import Robot
 from .consistency import Cone, cone, places_of
 
 EXACT = 1e-12
 """Upper bound of speeds and coefficients that are zero but for rounding."""
-FREE = frozenset(("rest", "table", "hold")) | (OF_POSITION - STIFF)
-"""Terms of either sign: they dissipate nothing, are a user's own law, or push like a weight or a cylinder."""
+FREE = frozenset(("rest", "table", "hold")) | OF_TEMPERATURE | (OF_POSITION - STIFF)
+"""Terms of either sign: they dissipate nothing, are a user's own law, change with the temperature, or push like a weight or a
+cylinder."""
 BESIDE = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}
 """Friction parameter that a law's negative term may reduce."""
 LARGEST_GROUP = 6

@@ -13,7 +13,15 @@ from ..robot.robot import Robot
 from .memory import memory_columns
 
 
-def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, x: ArrayLike) -> Array:
+def inverse_dynamics(
+    robot: Robot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    x: ArrayLike,
+    *,
+    temperature: ArrayLike | None = None,
+) -> Array:
     """Torques of a motion: ``tau = M(q) ddq + N(q, dq)``, rotors and friction included, equation (1).
 
     Checked against Pinocchio's ``rnea`` and against the regressor in ``tests/test_pinocchio.py`` and
@@ -28,6 +36,8 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
         ``dahl``).
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``.
+    temperature : (n_samples, n_dof) or (n_samples,) array, optional
+        Temperature of the joints (degC); the laws' reference without it.
 
     Returns
     -------
@@ -41,11 +51,12 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     vector = standard_vector(robot, x)
+    warmth = None if temperature is None else _temperature(robot, temperature, len(q))
     with CoreErrorsAs(ShapeError):
         tau = _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
     if robot.friction.has_memory:
         load = rigid_torque(robot, q, dq, ddq, vector) if robot.friction.has_load else None
-        for name, joint, column in memory_columns(robot, q, dq, load):
+        for name, joint, column in memory_columns(robot, q, dq, load, warmth):
             tau[:, joint] += vector[robot.parameter_names.index(name)] * column
     return tau
 
@@ -57,6 +68,7 @@ def regressor(
     ddq: ArrayLike,
     *,
     x: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
     out: Array | None = None,
 ) -> Array:
     """Regressor of the inverse dynamic model: ``tau = W x`` at each sample, equation (2).
@@ -71,6 +83,8 @@ def regressor(
         Positions (rad or m), velocities and accelerations, joint side.
     x : (n_parameters,) array, optional
         Standard parameters, needed for load friction: they give the torque of links and rotors.
+    temperature : (n_samples, n_dof) or (n_samples,) array, optional
+        Temperature of the joints (degC); the laws' reference without it.
     out : (n_samples, n_dof, n_parameters) array, optional
         Contiguous memory for the result: reuse saves time for batches that fit the cache.
 
@@ -85,6 +99,7 @@ def regressor(
         For a wrong shape, or a NaN; the message gives its position.
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
+    warmth = None if temperature is None else _temperature(robot, temperature, len(q))
     load = None
     if robot.friction.has_load:
         if x is None:
@@ -92,7 +107,7 @@ def regressor(
         load = rigid_torque(robot, q, dq, ddq, standard_vector(robot, x))
     with CoreErrorsAs(ShapeError):
         w = _core.regressor(robot.core, q, dq, ddq, out, load)
-    for name, joint, column in memory_columns(robot, q, dq, load):
+    for name, joint, column in memory_columns(robot, q, dq, load, warmth):
         w[:, joint, robot.parameter_names.index(name)] += column
     return w
 
@@ -253,6 +268,11 @@ def standard_vector(robot: Robot, x: ArrayLike) -> Array:
 
 def _motion(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
     return _matrix(robot, "q", q), _matrix(robot, "dq", dq), _matrix(robot, "ddq", ddq)
+
+
+def _temperature(robot: Robot, value: ArrayLike, n_samples: int) -> Array:
+    array = real_array("temperature", value, ShapeError)
+    return _matrix(robot, "temperature", np.tile(array[:, None], robot.n_dof) if array.ndim == 1 else array)
 
 
 def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:

@@ -171,9 +171,9 @@ def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
 
 
 def memory_columns(
-    robot: Robot, q: Array, dq: Array, load: Array | None = None
+    robot: Robot, q: Array, dq: Array, load: Array | None = None, temperature: Array | None = None
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield the terms that memory adds to the columns of the core, which treats each sample separately.
+    """Yield the terms that memory and temperature add to the columns of the core, which treats each sample separately.
 
     Parameters
     ----------
@@ -183,6 +183,8 @@ def memory_columns(
         Positions (rad or m) and velocities of consecutive samples.
     load : ndarray, shape (n_samples, n_dof), optional
         Torque of links and rotors, for load friction.
+    temperature : ndarray, shape (n_samples, n_dof), optional
+        Temperature of the joints (degC); that of reference without it.
 
     Yields
     ------
@@ -195,9 +197,15 @@ def memory_columns(
 
     Notes
     -----
-    ``test_friction_memory.py`` compares the torques of robots with ``hold`` and ``dahl`` with their formula.
+    ``test_friction_memory.py`` compares the torques of robots with ``hold`` and ``dahl`` with their formula,
+    ``test_friction_temperature.py`` those of laws of temperature.
     """
     friction = robot.friction
+    if friction.warmed and temperature is not None:
+        sign = direction(robot, q, dq)
+        for term in friction.warmed:
+            joint, motion = term.joint, dq if term.law == "warm_viscous" else sign
+            yield term.parameter, joint, (temperature[:, joint] - term.values[0]) * motion[:, joint]
     for term in friction.terms:
         if term.law == "dahl":
             first = instantaneous(robot, dq[:1])[0, term.joint]

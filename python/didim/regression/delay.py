@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -368,11 +368,4 @@ def _mean(
 
 def _inner(part: Segment, margin: int) -> Segment:
     """Return a segment without the first and last ``margin`` samples, so every shift of the torque has a value."""
-    kept = slice(margin, part.q.shape[0] - margin)
-    return replace(
-        part,
-        q=np.ascontiguousarray(part.q[kept]),
-        dq=np.ascontiguousarray(part.dq[kept]),
-        ddq=np.ascontiguousarray(part.ddq[kept]),
-        tau=np.ascontiguousarray(part.tau[kept]),
-    )
+    return part.cut(slice(margin, part.q.shape[0] - margin))

@@ -160,7 +160,7 @@ def observation(
                 robot.core, part.q, part.dq, part.ddq, columns, list(stages), core_threads(), load=load
             )
         )
-    for name, joint, column in memory_columns(robot, part.q, part.dq, load):
+    for name, joint, column in memory_columns(robot, part.q, part.dq, load, part.temperature):
         place = robot.parameter_names.index(name)
         if place in columns:
             rows = len(w) // robot.n_dof

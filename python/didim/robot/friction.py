@@ -15,7 +15,7 @@ from ..errors import RobotError
 
 Law = Literal[
     "rest", "atan", "stribeck", "root", "forward", "load", "hold", "dahl", "table",
-    "spring", "sine", "cosine", "cylinder", "cylinder_rate",
+    "warm_viscous", "warm_coulomb", "spring", "sine", "cosine", "cylinder", "cylinder_rate",
 ]  # fmt: skip
 
 NAMES: dict[str, str] = {
@@ -27,6 +27,8 @@ NAMES: dict[str, str] = {
     "load": "Fl",
     "hold": "Hold",
     "dahl": "Fz",
+    "warm_viscous": "Fvt",
+    "warm_coulomb": "Fct",
     "spring": "Ks",
     "sine": "Gs",
     "cosine": "Gc",
@@ -45,6 +47,8 @@ KEYS: dict[str, str] = {
     "load": "load",
     "hold": "hold",
     "dahl": "dahl",
+    "warm_viscous": "temperature_viscous",
+    "warm_coulomb": "temperature_coulomb",
 }
 """Key of each law in ``[friction]``."""
 SPRINGS: dict[str, tuple[Law, ...]] = {"linear": ("spring",), "gravity": ("sine", "cosine")}
@@ -55,6 +59,10 @@ OF_POSITION: frozenset[str] = frozenset((*SPRINGS["linear"], *SPRINGS["gravity"]
 """Laws whose column depends on the position alone."""
 OF_PATH: frozenset[str] = frozenset(("hold", "dahl"))
 """Laws whose column depends on the path so far: those that remember."""
+OF_TEMPERATURE: frozenset[str] = frozenset(("warm_viscous", "warm_coulomb"))
+"""Laws whose column depends on the recorded temperature, and is zero at that of reference."""
+REFERENCE_DEGC = 25.0
+"""Temperature (degC) at which ``Fv`` and ``Fc`` are stated, where a file gives none."""
 STIFF: frozenset[str] = frozenset(("spring", "cylinder_rate"))
 """Springs whose parameter is a stiffness, which cannot be negative."""
 START_VELOCITY = {"revolute": 0.1, "prismatic": 0.01}
@@ -85,7 +93,8 @@ class FrictionTerm:
         ``rest``: a constant torque at standstill; ``atan``: ``atan(dq / velocity)``; ``stribeck``:
         ``s(dq) exp(-(dq / velocity)^2)``; ``root``: ``sqrt(|dq|) s(dq)``; ``forward``: ``max(dq, 0)``; ``load``:
         ``|tau_r| s(dq)`` with the torque ``tau_r`` of links and rotors; ``hold``: no torque of its own, the sign ``s`` of all
-        other laws at the joint is that of the last motion; ``dahl``: Dahl's memory; ``table``: values over speed. Springs:
+        other laws at the joint is that of the last motion; ``dahl``: Dahl's memory; ``table``: values over speed;
+        ``warm_viscous``, ``warm_coulomb``: ``(T - T0) dq`` and ``(T - T0) s(dq)`` with the recorded temperature T. Springs:
         ``spring``: ``q``, its rest position is in the offset; ``sine``, ``cosine``: ``sin(q)`` and ``cos(q)``;
         ``cylinder``: ``dl/dq``, a force (N) along a cylinder of length ``l(q)^2 = a^2 + b^2 - 2 a b cos(q + phi)``;
         ``cylinder_rate``: ``(l - rest) dl/dq``.
@@ -110,7 +119,7 @@ class FrictionTerm:
     first, step : float
         First speed of a table and the step between its speeds (rad/s or m/s).
     values : tuple of float
-        Values of a table, torque per unit of the parameter; of a cylinder ``a``, ``b`` (m), ``phi`` (rad) and ``rest`` (m).
+        Values of a table (torque per unit); ``T0`` of a temperature (degC); of a cylinder ``a b rest`` (m) and ``phi`` (rad).
 
     Raises
     ------
@@ -247,8 +256,13 @@ class Friction:
 
     @property
     def has_memory(self) -> bool:
-        """Whether friction depends on the path, not on the state alone."""
-        return any(term.law in OF_PATH for term in self.terms)
+        """Whether friction depends on the path or on the temperature, not on the state alone."""
+        return any(term.law in OF_PATH | OF_TEMPERATURE for term in self.terms)
+
+    @property
+    def warmed(self) -> tuple[FrictionTerm, ...]:
+        """Terms that depend on the temperature."""
+        return tuple(term for term in self.terms if term.law in OF_TEMPERATURE)
 
     @property
     def held(self) -> frozenset[int]:
@@ -335,6 +349,7 @@ def read_springs(table: Table, kinds: Sequence[str], friction: Friction) -> Fric
 def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]) -> tuple[FrictionTerm, ...]:
     """Further terms, law by law: a given key replaces the terms of its law."""
     terms = list(default)
+    reference = table.spread("reference_degc", len(kinds), [REFERENCE_DEGC] * len(kinds))
     for law, key in KEYS.items():
         name, starts = SCALED.get(law, ("", {}))
         given = _scales(table, f"{key}_{name}", kinds, starts) if starts else None
@@ -345,11 +360,13 @@ def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]
             continue
         terms = [term for term in terms if term.law != law]
         for joint in joints:
-            velocity, estimated = 0.0, False
+            velocity, estimated = 0.0, bool(starts) and given is None
             if starts:
                 velocity = starts[kinds[joint]] if given is None else given[joint]
-                estimated = given is None
-            terms.append(FrictionTerm(law=law, joint=joint, velocity=velocity, estimated=estimated))  # type: ignore[arg-type]
+            values = (reference[joint],) if law in OF_TEMPERATURE else ()
+            terms.append(
+                FrictionTerm(law=law, joint=joint, velocity=velocity, estimated=estimated, values=values)  # type: ignore[arg-type]
+            )
     return tuple(terms)
 
 
@@ -361,11 +378,8 @@ def _own_laws(
     given_names = {part.text("name") for part in parts}
     found = [term for term in terms if term.name not in given_names]
     for part in parts:
-        name, place, values = (
-            part.text("name"),
-            part.text("function", None),
-            part.numbers("values", default=None),
-        )
+        name, place = part.text("name"), part.text("function", None)
+        values = part.numbers("values", default=None)
         if (place is None) == (values is None):
             part.fail('a law needs either function = "module:name" or values')
         law = None if place is None else loaded(place, "friction law", RobotError)
@@ -387,15 +401,9 @@ def _own_laws(
                 found.append(FrictionTerm.from_function(name, joint, law, fastest=given[0]))
             else:
                 first, step = given
+                own = tuple(values or ())
                 found.append(
-                    FrictionTerm(
-                        law="table",
-                        joint=joint,
-                        name=name,
-                        first=first,
-                        step=step,
-                        values=tuple(values or ()),
-                    )
+                    FrictionTerm(law="table", joint=joint, name=name, first=first, step=step, values=own)
                 )
         part.done()
     return tuple(found)

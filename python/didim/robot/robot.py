@@ -24,7 +24,7 @@ from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence
-from .friction import HOLD_WIDTH, Friction, FrictionTerm, read_friction, read_springs
+from .friction import HOLD_WIDTH, OF_TEMPERATURE, Friction, FrictionTerm, read_friction, read_springs
 from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
 from .transmission import Actuator, Follower
@@ -225,18 +225,7 @@ class Robot(Pickled):
                     HOLD_WIDTH[kind] if joint in friction.held and not geometry.followers else 0.0
                     for joint, kind in enumerate(self.joint_kinds)
                 ],
-                terms=[
-                    (
-                        term.joint,
-                        term.name,
-                        term.law,
-                        term.first if term.law == "table" else term.velocity,
-                        term.step,
-                        list(term.values),
-                    )
-                    for term in friction.terms
-                    if term.law != "hold"
-                ],
+                terms=[_core_term(term) for term in friction.terms if term.law != "hold"],
                 mounts=geometry.core_mounts,
                 followers=[(list(follower.leaders), follower.offset) for follower in geometry.followers],
             )
@@ -312,7 +301,12 @@ class Robot(Pickled):
     @cached_property
     def parameter_units(self) -> tuple[str, ...]:
         """Their units, joint side."""
-        return tuple(self.core.parameter_units)
+        units = list(self.core.parameter_units)
+        for term in self.friction.warmed:
+            viscous = ".s/rad" if self.joint_kinds[term.joint] == "revolute" else ".s/m"
+            per_speed = viscous if term.law == "warm_viscous" else ""
+            units[self.parameter_names.index(term.parameter)] += f"{per_speed}/K"
+        return tuple(units)
 
     @cached_property
     def base_parameters(self) -> BaseParameters:
@@ -446,3 +440,11 @@ class Robot(Pickled):
         """Return the same robot with the springs of a table ``[springs]``, whose errors name its file."""
         friction = read_springs(table, self.joint_kinds, self.friction)
         return self if friction == self.friction else replace(self, friction=friction)
+
+
+def _core_term(term: FrictionTerm) -> tuple[int, str, str, float, float, list[float]]:
+    """Return a friction term of the core, whose robot has the temperature of reference: there a law of temperature is zero."""
+    if term.law in OF_TEMPERATURE:
+        return term.joint, term.name, "table", -1.0, 1.0, [0.0] * 4
+    place = term.first if term.law == "table" else term.velocity
+    return term.joint, term.name, term.law, place, term.step, list(term.values)

@@ -11,7 +11,16 @@ from collections.abc import Iterable, Sequence
 
 from .._tools.toml import quoted
 from .correspondence import Correspondence, Pose
-from .friction import CYLINDER, KEYS, SCALED, SPRINGS, FrictionTerm, scale_units
+from .friction import (
+    CYLINDER,
+    KEYS,
+    OF_TEMPERATURE,
+    REFERENCE_DEGC,
+    SCALED,
+    SPRINGS,
+    FrictionTerm,
+    scale_units,
+)
 from .placement import Mount
 from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
 from .robot import JointLimits, Robot
@@ -177,11 +186,14 @@ def _further_friction(robot: Robot) -> list[str]:
     """Further terms, law by law, with the joints that have them."""
     friction = robot.friction
     lines = ['terms = "auto"'] if friction.auto else []
+    reference: dict[int, float] = {}
     for law, key in KEYS.items():
         terms = [term for term in friction.terms if term.law == law]
         if not terms:
             continue
         lines.append(f"{key} = {[term.joint + 1 for term in terms]}")
+        if law in OF_TEMPERATURE:
+            reference |= {term.joint: term.values[0] for term in terms}
         if law in SCALED and not any(term.estimated for term in terms):
             name, starts = SCALED[law]
             for unit, kind in scale_units(name):
@@ -190,6 +202,9 @@ def _further_friction(robot: Robot) -> list[str]:
                     for term in terms:
                         values[term.joint] = term.velocity
                     lines.append(f"{key}_{name}_{unit} = {_numbers(values)}")
+    if reference:
+        values = [reference.get(joint, REFERENCE_DEGC) for joint in range(robot.n_dof)]
+        lines.append(f"reference_degc = {_numbers(values)}")
     return lines
 
 

@@ -39,6 +39,8 @@ class Segment:
         Joint position, velocity and acceleration, SI units.
     tau : ndarray, shape (n_samples, n_dof)
         Measured torque, N.m or N, joint side; not filtered.
+    temperature : ndarray, shape (n_samples, n_dof), or None
+        Temperature of the joints (degC), if recorded.
     """
 
     name: str
@@ -50,6 +52,15 @@ class Segment:
     tau: Array
     recording: int = 0
     window: int = 0
+    temperature: Array | None = None
+
+    def cut(self, kept: slice) -> Segment:
+        """Return some of the samples."""
+        q, dq, ddq, tau = (
+            np.ascontiguousarray(values[kept]) for values in (self.q, self.dq, self.ddq, self.tau)
+        )
+        temperature = None if self.temperature is None else np.ascontiguousarray(self.temperature[kept])
+        return replace(self, q=q, dq=dq, ddq=ddq, tau=tau, temperature=temperature)
 
 
 def segments(
@@ -91,8 +102,10 @@ def segments(
     for window, (start, stop) in enumerate(recording.windows):
         place = place_of(recording, (start, stop))
         with at_place(place):
-            found_motion = motion_of(recording, (start, stop), signal)
-            motion, tau = align(found_motion, without_spikes(torque[start:stop], signal), delay_samples)
+            measured: tuple[Array, ...] = motion_of(recording, (start, stop), signal)
+            if recording.temperature is not None:
+                measured = (*measured, recording.temperature[start:stop])
+            motion, tau = align(measured, without_spikes(torque[start:stop], signal), delay_samples)
         part = trimmed(recording, place, signal, motion, tau)
         found.append(replace(part, recording=number, window=window))
     return found
@@ -127,7 +140,7 @@ def trimmed(
     signal : SignalProcessing
         Trimming.
     motion : sequence of (n, n_dof) arrays
-        ``q dq ddq``, joint side.
+        ``q dq ddq``, joint side, and the temperature if recorded.
     tau : (n, n_dof) array
         Joint torques (N.m or N).
 
@@ -137,10 +150,17 @@ def trimmed(
         When trimming leaves nothing.
     """
     kept = kept_samples(tau.shape[0], place, signal)
-    q, dq, ddq, torque = (np.ascontiguousarray(values[kept]) for values in (*motion, tau))
+    q, dq, ddq, *warmth = motion
     return Segment(
-        name=recording.name, place=place, rate_hz=recording.rate_hz, q=q, dq=dq, ddq=ddq, tau=torque
-    )
+        name=recording.name,
+        place=place,
+        rate_hz=recording.rate_hz,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        temperature=warmth[0] if warmth else None,
+    ).cut(kept)
 
 
 def kept_samples(n_samples: int, place: str, signal: SignalProcessing) -> slice:
@@ -187,12 +207,8 @@ def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
         if 3 * length >= len(part.q):
             found.append(part)
             continue
-        for start in np.linspace(0, len(part.q) - length, 3).astype(int):
-            kept = slice(start, start + length)
-            q, dq, ddq, tau = (
-                np.ascontiguousarray(values[kept]) for values in (part.q, part.dq, part.ddq, part.tau)
-            )
-            found.append(replace(part, q=q, dq=dq, ddq=ddq, tau=tau))
+        starts = np.linspace(0, len(part.q) - length, 3).astype(int).tolist()
+        found += [part.cut(slice(start, start + length)) for start in starts]
     return found
 
 

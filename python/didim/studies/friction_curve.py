@@ -96,7 +96,9 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     for recording, standard in recordings:
         for part in segments(recording, experiment.signal, delay.measured(recording.rate_hz)):
             rigid = rigid_torque(robot, part.q, part.dq, part.ddq, standard)
-            rest = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, standard)
+            rest = part.tau - inverse_dynamics(
+                robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature
+            )
             for joint in range(robot.n_dof):
                 own, share = _alone(robot, joint, part.dq[:, joint], friction_only)
                 rest[:, joint] += own + share * np.abs(rigid[:, joint])

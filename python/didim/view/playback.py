@@ -98,7 +98,7 @@ def _residual(experiment: Experiment, recording: Recording, parameters: str) -> 
     robot = experiment.robot
     x = standard_parameters(robot, parameters)
     q, dq, ddq = motion_of(recording, (0, len(recording.t)), experiment.signal)
-    error = recording.tau - inverse_dynamics(robot, q, dq, ddq, x)
+    error = recording.tau - inverse_dynamics(robot, q, dq, ddq, x, temperature=recording.temperature)
     return np.asarray(error / np.maximum(np.abs(recording.tau).max(axis=0), np.finfo(float).tiny))
 
 

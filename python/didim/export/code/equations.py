@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import FitError
-from ...robot.friction import OF_PATH, OF_POSITION, FrictionTerm
+from ...robot.friction import OF_PATH, OF_POSITION, OF_TEMPERATURE, FrictionTerm
 from ...robot.placement import carriers
 from ...robot.robot import Robot
 
@@ -238,8 +238,8 @@ class Equations:
             if term.law == "dahl":
                 friction[term.joint] = friction[term.joint] + self.value(term.parameter) * state
         for term in self.robot.friction.terms:
-            if term.law in OF_POSITION or term.law in OF_PATH:
-                continue  # torques of the links' positions, like gravity, and those that remember
+            if term.law in OF_POSITION | OF_PATH | OF_TEMPERATURE:
+                continue  # like gravity; those that remember; zero at the temperature of reference
             j, parameter = term.joint, self.value(term.parameter)
             if term.law == "load":
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.magnitude(tau[j])

@@ -32,6 +32,8 @@ _REFUSED = {
     "table": "is given by its values",
     "hold": "depends on the path",
     "dahl": "depends on the path",
+    "warm_viscous": "depends on the temperature",
+    "warm_coulomb": "depends on the temperature",
 }
 
 

@@ -7,14 +7,14 @@ Tested in ``tests/test_friction_choice.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..._tools.arrays import Array
 from ...model.dynamics import rigid_torque
 from ...model.memory import direction, held_sign, states
-from ...robot.friction import START_WIDTH, FrictionTerm
+from ...robot.friction import OF_TEMPERATURE, START_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
@@ -28,6 +28,8 @@ STRIBECK = (0.02, 0.05, 0.12, 0.3)
 """Velocities (rad/s) of Stribeck's law among the candidates."""
 DAHL = (3e-4, 6e-4, 1.2e-3, 2.5e-3, 5e-3, 1e-2, 2e-2)
 """Displacements (rad) of Dahl's memory among the candidates; on real arms wider ones fit the log but predict no other."""
+LEAST_WARMING = 2.0
+"""Smallest range (K) of a joint's temperature for a law of temperature: two steps of a usual sensor."""
 LEAST_STANDSTILL = 0.01
 """Smallest share of samples at standstill for a standstill torque to be a candidate."""
 LEAST_STEPS = 10.0
@@ -124,6 +126,18 @@ def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
     return LEAST_STEPS * missed
 
 
+def warming(parts: Sequence[Segment], joint: int) -> tuple[float, list[Array]]:
+    """Return the mean temperature of a joint, rounded (degC), and the temperature above it along each part, (n_samples, 1).
+
+    There are no parts where the temperature is not recorded, or varies by less than `LEAST_WARMING`.
+    """
+    recorded = [part.temperature[:, [joint]] for part in parts if part.temperature is not None]
+    if len(recorded) < len(parts) or np.ptp(np.concatenate(recorded)) < LEAST_WARMING:
+        return 0.0, []
+    mean = float(np.round(np.mean(np.concatenate(recorded))))
+    return mean, [values - mean for values in recorded]
+
+
 def joints_without_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int, float]:
     """Return the joints, from 0, without candidates of a usual displacement of memory, and the smallest that is one (rad or m)."""
     usual = [START_WIDTH[kind] for kind in robot.joint_kinds]
@@ -152,9 +166,11 @@ def _offers(
     offers: list[tuple[FrictionTerm, bool | None]] = []
     columns: list[list[Array]] = []
 
+    reference, warm = warming(parts, joint)
+
     def offer(law: str, values: Sequence[Array], held: bool | None = None, velocity: float = 0.0) -> None:
         term = FrictionTerm(law=law, joint=joint, velocity=velocity, estimated=velocity > 0.0)  # type: ignore[arg-type]
-        offers.append((term, held))
+        offers.append((replace(term, values=(reference,)) if law in OF_TEMPERATURE else term, held))
         columns.append(list(values))
 
     offer("hold", held, True)
@@ -164,10 +180,14 @@ def _offers(
             offer("rest", rest)
     if friction.model == "symmetric":
         offer("forward", [np.maximum(speed, 0.0) for speed in dq])
+    if warm:
+        offer("warm_viscous", [part * speed for part, speed in zip(warm, dq, strict=True)])
     offer("spring", [part.q[:, [joint]] for part in parts])
     for at_hold, signs in ((False, now), (True, held)):
         loaded = zip(signs, loads, strict=True)
         offer("load", [sign * load[:, [joint]] for sign, load in loaded], at_hold)
+        if warm:
+            offer("warm_coulomb", [part * sign for part, sign in zip(warm, signs, strict=True)], at_hold)
         for v in STRIBECK:
             if v * unit >= slowest:
                 falling = [
