@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
@@ -23,10 +21,6 @@ Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 correlation of a closed-loop output-error method's errors, or draws of the estimate with its standard deviations, each projected
 to the nearest robot."""
 
-NODES, NEWTON = 48, 60
-"""Nodes of the integral of Student's distribution, and the largest number of Newton steps of its quantile."""
-MANY = 100.0
-"""Degrees of freedom from which differences of the logarithm of the gamma function lose digits."""
 CLEAR_ROUNDING = 1.0
 """Shift by the steps of the encoders, in standard deviations of the noise, from which a printed result mentions it: the noise
 then is no longer the larger error."""
@@ -239,26 +233,11 @@ def student_factor(level: float, degrees_of_freedom: float) -> float:
     FitError
         For a level that is not between 0 and 1.
     """
+    from scipy.special import ndtri, stdtrit  # not scipy.stats, which takes half a second to load
+
     if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 < level < 1.0:
         raise FitError(f"the level of an interval must be between 0 and 1, got {level!r}")
-    normal = NormalDist().inv_cdf(0.5 + 0.5 * level)
-    nu = float(degrees_of_freedom)
-    if not np.isfinite(nu):
-        return normal
-    # With t = sqrt(nu) tan(a) the density is one of cos(a)^(nu - 1), whose integral has no tail; SciPy would take 0.2 s to load.
-    if nu < MANY:
-        size = math.exp(math.lgamma(0.5 * (nu + 1.0)) - math.lgamma(0.5 * nu)) / math.sqrt(math.pi)
-    else:  # Stirling's series of that ratio
-        x = 0.5 * nu
-        series_of_x = -1.0 / (8.0 * x) + 1.0 / (192.0 * x**3) - 1.0 / (640.0 * x**5)
-        size = math.sqrt(x / math.pi) * math.exp(series_of_x)
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    a = math.atan(normal / math.sqrt(nu))
-    for _ in range(NEWTON):  # from below, where the integral is concave: no step goes too far
-        logarithm = np.log1p(-(np.sin(0.5 * a * (1.0 + nodes)) ** 2))
-        inside = a * size * float(weights @ np.exp(0.5 * (nu - 1.0) * logarithm))
-        step = (level - inside) / (2.0 * size * math.cos(a) ** (nu - 1.0))
-        a += step
-        if abs(step) < 1e-15 * a:
-            break
-    return math.sqrt(nu) * math.tan(a)
+    tail = 0.5 + 0.5 * level
+    if not np.isfinite(degrees_of_freedom):
+        return float(ndtri(tail))
+    return float(stdtrit(degrees_of_freedom, tail))
