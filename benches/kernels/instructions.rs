@@ -12,65 +12,80 @@ use std::env::current_exe;
 use std::error::Error;
 use std::process::{Command, Stdio};
 
-/// callgrind counts an instruction that repeats itself once per byte: the C library shall clear and copy memory without.
+/// callgrind counts an instruction that repeats itself once per byte, so the C library clears and copies memory without them.
 const NO_REPEATS: &str =
     "glibc.cpu.x86_rep_stosb_threshold=0x40000000:glibc.cpu.x86_rep_movsb_threshold=0x40000000";
 
+/// Options of callgrind where the sum alone is wanted.
+const UNCOUNTED: [&str; 1] = ["--callgrind-out-file=/dev/null"];
+/// Standard parameters of the TX40.
+const PARAMETERS: usize = 86;
+/// Bytes that a step reads whatever the number of lanes: a piece of the reference (two blocks of 24 coefficients), its knot, and the
+/// measured positions and torques.
+const STEP_READS: usize = 8 * (2 * 24 + 1 + 12);
+
 /// A kernel, and how it is counted.
-struct Kernel {
-    name: &'static str,
-    /// What the count is of.
-    unit: &'static str,
-    /// Such units in a round.
-    units: usize,
+pub struct Kernel {
+    pub name: &'static str,
+    /// Unit of the count.
+    pub unit: &'static str,
+    /// Number of units in a round.
+    pub units: usize,
     /// Rounds of the shorter run.
-    rounds: usize,
-    /// Sets up and runs so many rounds.
-    run: fn(usize),
+    pub rounds: usize,
+    /// Bytes that a unit must read and write: its inputs and results, each once.
+    pub bytes: f64,
+    /// Sets up, and returns a round.
+    pub set_up: fn() -> Box<dyn FnMut()>,
 }
 
-const KERNELS: [Kernel; 4] = [
+pub const KERNELS: [Kernel; 4] = [
     Kernel {
         name: "closed loop, 4 lanes",
         unit: "Runge-Kutta step and lane",
         units: STEPS * 4,
         rounds: 1,
-        run: |rounds| repeat(rounds, ClosedLoop::new(), |it| it.run::<4>()),
+        bytes: (STEP_READS / 4) as f64,
+        set_up: || of(ClosedLoop::new(), |it| it.run::<4>()),
     },
     Kernel {
         name: "closed loop, 1 lane",
         unit: "Runge-Kutta step",
         units: STEPS,
         rounds: 1,
-        run: |rounds| repeat(rounds, ClosedLoop::new(), |it| it.run::<1>()),
+        bytes: STEP_READS as f64,
+        set_up: || of(ClosedLoop::new(), |it| it.run::<1>()),
     },
     Kernel {
         name: "regressor",
         unit: "sample",
         units: FEW,
         rounds: 64,
-        run: |rounds| repeat(rounds, Batch::new(), Batch::regressor),
+        bytes: (8 * (18 + 6 * PARAMETERS)) as f64,
+        set_up: || of(Batch::new(), Batch::regressor),
     },
     Kernel {
         name: "inverse dynamics",
         unit: "sample",
         units: SAMPLES,
         rounds: 4,
-        run: |rounds| repeat(rounds, Batch::new(), Batch::inverse_dynamics),
+        bytes: (8 * (18 + 6)) as f64,
+        set_up: || of(Batch::new(), Batch::inverse_dynamics),
     },
 ];
 
-/// Calls `round` on `it` so many times.
-fn repeat<T>(rounds: usize, mut it: T, round: fn(&mut T)) {
-    for _ in 0..rounds {
-        round(&mut it);
-    }
+/// A round that calls `round` on `it`.
+fn of<T: 'static>(mut it: T, round: fn(&mut T)) -> Box<dyn FnMut()> {
+    Box::new(move || round(&mut it))
 }
 
-/// Instructions of this program under callgrind with `rounds` rounds of kernel `k`, and what it says of its processor.
-fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
+/// Instructions of this program under callgrind with `rounds` rounds of kernel `k`, and the instruction set that it reports.
+///
+/// `options` are further options of callgrind, one of which names the file of its counts.
+pub fn count(k: usize, rounds: usize, options: &[&str]) -> Result<(u64, String), Box<dyn Error>> {
     let output = Command::new("valgrind")
-        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .arg("--tool=callgrind")
+        .args(options)
         .arg(current_exe()?)
         .args(["--instructions", &k.to_string(), &rounds.to_string()])
         .env("GLIBC_TUNABLES", NO_REPEATS)
@@ -89,8 +104,14 @@ fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
     }
 }
 
+/// Does a program answer to `--version`?
+pub fn installed(program: &str) -> bool {
+    let probe = Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    probe.is_ok_and(|status| status.success())
+}
+
 /// The code of up to four lanes that this processor gets.
-fn instruction_set() -> &'static str {
+pub fn instruction_set() -> &'static str {
     if cfg!(target_arch = "aarch64") { "Neon" } else { Isa::chosen().min(Isa::Avx2).name() }
 }
 
@@ -98,19 +119,18 @@ fn instruction_set() -> &'static str {
 pub fn main(arguments: &[String]) -> Result<(), Box<dyn Error>> {
     if let [k, rounds] = arguments {
         println!("{}", instruction_set());
-        (KERNELS[k.parse::<usize>()?].run)(rounds.parse()?);
+        let mut round = (KERNELS[k.parse::<usize>()?].set_up)();
+        (0..rounds.parse()?).for_each(|_| round());
         return Ok(());
     }
-    let probe =
-        Command::new("valgrind").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-    if !probe.is_ok_and(|status| status.success()) {
+    if !installed("valgrind") {
         println!("instructions are not counted: valgrind is not installed");
         return Ok(());
     }
     let mut processor = String::new();
     for (k, Kernel { name, unit, units, rounds, .. }) in KERNELS.iter().enumerate() {
-        let (once, _) = count(k, *rounds)?;
-        let (twice, said) = count(k, 2 * rounds)?;
+        let (once, _) = count(k, *rounds, &UNCOUNTED)?;
+        let (twice, said) = count(k, 2 * rounds, &UNCOUNTED)?;
         let each = (twice - once) as f64 / (rounds * units) as f64;
         println!("{name:<22}{each:>9.1} instructions per {unit}");
         processor = said;

@@ -1,8 +1,9 @@
 //! `cargo bench`: times of the kernels that a fit spends its time in, on the TX40's geometry; `cargo bench -- --instructions`:
-//! instructions of the hottest. Speed as ratios to peers is for `docs/performance.md`; these numbers are for before and
-//! after a change, times on one machine.
+//! instructions of the hottest; `cargo bench -- --roofline`: how near they are to the limit of the machine. Speed as ratios to peers is
+//! for `docs/performance.md`; times here compare before and after a change on one machine.
 
 mod instructions;
+mod roofline;
 mod tx40;
 
 use criterion::{Criterion, Throughput};
@@ -53,6 +54,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if let Some(("--instructions", rest)) = arguments.split_first().map(|(first, rest)| (&**first, rest)) {
         return instructions::main(rest);
+    }
+    if arguments.first().is_some_and(|first| first == "--roofline") {
+        return roofline::main();
     }
     let mut criterion = Criterion::default().configure_from_args();
     kernels(&mut criterion);
