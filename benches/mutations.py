@@ -210,8 +210,8 @@ PYTHON = (
     Mutation(
         "a derivative at the edge of the feasible set is zero",
         "python/didim/methods/cloe/output_error.py",
-        "moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)",
-        "moved[back] = 0.0",
+        "slopes = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)",
+        "slopes = 0.0 * other",
         "tests/test_cloe.py",
     ),
     Mutation(

@@ -109,7 +109,7 @@ def test_standstill_of_a_hundredth_of_a_log(samples: int, offered: bool) -> None
     dq = np.ones((2000, 2))
     dq[:samples] = 0.0
     one = [np.ones((2000, 1))]
-    part = stub(q=np.cumsum(dq, axis=0), dq=dq)
+    part = stub(q=np.cumsum(dq, axis=0), dq=dq, temperature=None)
     terms, _ = _offers(planar(dead_zone=0.05), 0, [part], one, one, [np.ones((2000, 2))], np.inf)
     assert any(term.law == "rest" for term, _ in terms) is offered
 
@@ -117,7 +117,7 @@ def test_standstill_of_a_hundredth_of_a_log(samples: int, offered: bool) -> None
 @pytest.mark.parametrize(("zone", "slowest"), [(0.024, 0.05), (0.026, 0.12)])
 def test_a_law_has_a_velocity_of_two_dead_zones(zone: float, slowest: float) -> None:
     one = [np.ones((20, 1))]
-    part = stub(q=np.ones((20, 2)), dq=np.ones((20, 2)))
+    part = stub(q=np.ones((20, 2)), dq=np.ones((20, 2)), temperature=None)
     terms, _ = _offers(planar(dead_zone=zone), 0, [part], one, one, [np.ones((20, 2))], np.inf)
     assert min(term.velocity for term, _ in terms if term.law == "stribeck") == slowest
     assert min(term.velocity for term, _ in terms if term.law == "atan") >= 2.0 * zone
