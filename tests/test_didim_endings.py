@@ -301,3 +301,11 @@ def test_remarks_of_the_measured_motion_are_not_taken_for_torque_signs() -> None
     fit = identify(log, plain_didim(max_iterations=1))
     assert not fit.converged
     assert "torque-sign" not in {reason.code for reason in fit.verdict.reasons}
+
+
+def test_what_is_left_of_a_contraction_is_half_more_than_its_geometric_series() -> None:
+    """Steps of 2 and 1 leave 0.5 + 0.25 + ... = 1 if the rate stays; it may still rise."""
+    left = contraction_of([np.array([2.0, 1.0]), np.array([1.0, 0.5])])
+    assert left.rate == pytest.approx(0.5)
+    assert left.remaining_largest == pytest.approx(1.5)
+    assert left.remaining_rms == pytest.approx(1.5 * np.sqrt(0.625))
