@@ -55,7 +55,8 @@ class ParquetFile(ArrayFile):
         )
         if column.null_count:
             raise ValueError("it has empty cells")
-        if not arrow.types.is_nested(column.type):
+        # Lists of fixed length are not nested in pyarrow 15.
+        if not (arrow.types.is_nested(column.type) or arrow.types.is_fixed_size_list(column.type)):
             return np.asarray(column)
         values = np.asarray(column.flatten())
         lengths = np.diff(np.asarray(column.offsets)) if hasattr(column, "offsets") else None
