@@ -20,7 +20,7 @@ import didim
 from didim.methods import builder, identify
 
 EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "tx40_log.toml"
-PARTS = {"friction": (builder, "_friction"), "verdict": (identify, "judged")}
+PARTS = {"friction": (builder, "_with_model_errors"), "verdict": (identify, "judged")}
 """Module and function of each part that is measured inside of the identification."""
 
 
