@@ -234,8 +234,10 @@ def test_a_result_and_a_motion_are_shown_by_themselves(log: Path) -> None:
     assert (robot.name, played.label) == ("planar2", "log.csv")
     with pytest.raises(DidimError, match="which robot moves like this"):
         contents(options(motion))
-    with pytest.raises(DidimError, match="'tx40' says itself which robot"):
-        contents(options("tx40", robot="planar2"))
+    for what, useless in (("tx40", "robot"), (str(result), "parameters"), (motion, "motion")):
+        given = {"robot": "planar2"} if what == motion else {}
+        with pytest.raises(DidimError, match=f"--{useless} planar2 has no place beside"):
+            contents(options(what, **given, **{useless: "planar2"}))
 
 
 def free_port() -> int:

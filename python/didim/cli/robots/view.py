@@ -78,19 +78,14 @@ def run(options: argparse.Namespace) -> int:
 
 def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Playback], list[str]]:
     """Return the robot, its shapes and motions, and sentences on missing items."""
-    from ...errors import RobotError
     from ...view import playback, shapes
     from ...view.visuals import visuals
 
-    kind = Path(options.what).suffix.lower()
-    if options.robot is not None and kind not in (".json", ".csv"):
-        raise RobotError(f"--robot {options.robot}: '{options.what}' says itself which robot to show")
+    _check(options)
     experiment = _experiment(options)
-    robot = _robot_of(options) if experiment is None else experiment.robot
-    parameters = options.what if kind == ".json" else options.parameters
-    motion = Path(options.what) if kind == ".csv" else options.motion
+    robot, x, notes = _robot_and_parameters(options, experiment)
+    motion = Path(options.what) if _kind(options) == ".csv" else options.motion
     drawn = [*shapes.skeleton(robot), *shapes.capsules(robot.collision)]
-    notes: list[str] = []
     urdf = _urdf_of(robot)
     if urdf is not None:
         meshes, missing = visuals(robot, urdf, tuple(options.meshes))
@@ -101,46 +96,63 @@ def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Play
     if "urdf" in robot.sets:
         bodies, _ = shapes.bodies(robot, robot.parameter_set("urdf"), "prior", shapes.PRIOR)
         drawn += bodies
-    if parameters is not None:
-        x, sentences = _bodies_of(parameters, robot)
+    if x is not None:
         bodies, refused = shapes.bodies(robot, x, "estimate", shapes.ESTIMATE)
         drawn += bodies
-        notes += [*sentences, *refused]
+        notes += refused
     motions: list[Playback] = []
     if motion is not None:
         motions.append(playback.of_file(motion, robot))
     elif experiment is not None:
-        motions, more = playback.of_log(experiment, parameters)
+        motions, more = playback.of_log(experiment, options.parameters)
         notes += more
     return robot, drawn, motions, notes
 
 
-def _robot_of(options: argparse.Namespace) -> Robot:
-    """Return the robot that is named, that of a result, or the one given for a motion."""
+def _kind(options: argparse.Namespace) -> str:
+    return Path(options.what).suffix.lower()
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse a motion without a robot, and options that what is shown leaves no place for."""
     from ...errors import RobotError
+
+    what, kind = options.what, _kind(options)
+    if kind == ".csv" and options.robot is None:
+        raise RobotError(f"{what}: which robot moves like this? Say --robot ROBOT")
+    for option, value, useless in (
+        ("--robot", options.robot, kind not in (".json", ".csv")),
+        ("--parameters", options.parameters, kind == ".json"),
+        ("--motion", options.motion, kind == ".csv"),
+    ):
+        if value is not None and useless:
+            raise RobotError(f"{option} {value} has no place beside '{what}': leave it out")
+
+
+def _robot_and_parameters(
+    options: argparse.Namespace, experiment: Experiment | None
+) -> tuple[Robot, Array | None, list[str]]:
+    """Return the robot, the standard parameters to draw, if any, and sentences on them.
+
+    Those of a result are made physically consistent, because only these define bodies.
+    """
     from ...export.source import exported_parameters
     from ...robot.robot_file import load_robot
-
-    kind = Path(options.what).suffix.lower()
-    if kind == ".json":
-        fit = Path(options.what)
-        return exported_parameters(fit=fit, parameters=None, robot=options.robot, urdf=None).robot
-    if kind == ".csv":
-        if options.robot is None:
-            raise RobotError(f"{options.what}: which robot moves like this? Say --robot ROBOT")
-        return load_robot(options.robot)
-    return load_robot(options.what)
-
-
-def _bodies_of(source: str, robot: Robot) -> tuple[Array, list[str]]:
-    """Return the standard parameters to draw, made physically consistent for a result, because only these define bodies."""
-    from ...export.source import exported_parameters
     from ...studies.run import standard_parameters
 
-    if not source.endswith(".json"):
-        return standard_parameters(robot, source), []
-    found = exported_parameters(fit=Path(source), parameters=None, robot=str(robot.path), urdf=None)
-    return found.x[: len(robot.parameter_names)], list(found.notes)
+    if _kind(options) == ".json":
+        result = exported_parameters(fit=Path(options.what), parameters=None, robot=options.robot, urdf=None)
+        return result.robot, result.x, list(result.notes)
+    named = options.robot if _kind(options) == ".csv" else options.what
+    robot = load_robot(named) if experiment is None else experiment.robot
+    if options.parameters is None:
+        return robot, None, []
+    if not options.parameters.endswith(".json"):
+        return robot, standard_parameters(robot, options.parameters), []
+    result = exported_parameters(
+        fit=Path(options.parameters), parameters=None, robot=str(robot.path), urdf=None
+    )
+    return robot, result.x[: len(robot.parameter_names)], list(result.notes)
 
 
 def _experiment(options: argparse.Namespace) -> Experiment | None:
