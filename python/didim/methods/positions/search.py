@@ -197,31 +197,24 @@ def bounded_step(problem: Problem, now: Search, a: Array, b: Array, damping: flo
 
 
 def _between(matrix: Array, gradient: Array, low: Array, high: Array) -> Array:
-    """Return the minimum of ``g^T s + s^T M s / 2`` between bounds around zero, M positive definite, by active sets.
-
-    Steps end at the first bound that they meet, which is held from then on; of held unknowns that would come back, the one with
-    the steepest slope is freed. Each set that is solved has a smaller cost than those before, so that none is met twice.
-    """
+    """Return the minimum of ``g^T s + s^T M s / 2`` between bounds: those that it leaves are held, unless they would come back."""
     free, s = np.ones(len(gradient), dtype=bool), np.zeros(len(gradient))
-    while True:
-        while free.any():
-            pulled = gradient[free] + matrix[np.ix_(free, ~free)] @ s[~free]
-            wanted = np.linalg.solve(matrix[np.ix_(free, free)], -pulled)
-            move = wanted - s[free]
-            ends = np.where(move > 0.0, high[free], low[free])
-            room = np.divide(ends - s[free], move, out=np.full(len(move), np.inf), where=move != 0.0)
-            share = min(1.0, float(room.min()))
-            s[free] = wanted if share == 1.0 else s[free] + share * move
-            if share == 1.0:
-                break
-            met = np.flatnonzero(free)[room <= share]
-            s[met] = ends[room <= share]
-            free[met] = False
-        slope = gradient + matrix @ s
-        inward = np.where(free, 0.0, np.where(s <= low, -slope, slope))
-        if inward.max(initial=0.0) <= SLOPE * np.abs(gradient).max():
-            return s
-        free[np.argmax(inward)] = True
+    while free.any():
+        pulled = gradient[free] + matrix[np.ix_(free, ~free)] @ s[~free]
+        s[free] = np.linalg.solve(matrix[np.ix_(free, free)], -pulled)
+        out = free & ((s < low) | (s > high))
+        if not out.any():
+            break
+        s[out] = np.clip(s[out], low[out], high[out])
+        free &= ~out
+    slope = gradient + matrix @ s
+    held = ~free
+    if (np.where(s <= low, slope, -slope)[held] >= -SLOPE * np.abs(gradient).max()).all():
+        return s
+    from scipy.optimize import lsq_linear  # loads much else
+
+    root = np.linalg.cholesky(matrix)
+    return np.asarray(lsq_linear(root.T, np.linalg.solve(root, -gradient), (low, high)).x)
 
 
 def at_bound(problem: Problem, now: Search) -> NDArray[np.bool_]:
