@@ -155,7 +155,8 @@ class LogRows:
 
     @cached_property
     def _limbs(self) -> list[tuple[Limb, ScreenedRows]]:
-        return [(limb, self.screened.of_limb(limb)) for limb in limbs_of(self.robot)]
+        limbs = limbs_of(self.robot)
+        return [(limb, self.screened.of_limb(limb)) for limb in limbs] if len(limbs) > 1 else []
 
     def rough(self, item: Hypothesis) -> float:
         """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""

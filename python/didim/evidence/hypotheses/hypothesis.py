@@ -74,7 +74,7 @@ class Hypothesis:
         """Return the hypothesis for a limb of a declared robot, as a robot of its own; None if it changes more than that limb."""
         at, n = list(limb.joints), robot.n_dof
         inside = bool(self.joints) and all(joint - 1 in limb.links for joint in self.joints)
-        if not inside or self.torque is not None or self.rate != 1.0 or n == len(at):
+        if not inside or self.torque is not None or self.rate != 1.0:
             return None
         own = np.ix_(at, at)
         for matrix in (self.position, self.mixing(n)):
