@@ -94,7 +94,10 @@ def test_a_velocity_that_is_refused_is_marked() -> None:
     value = dict(zip(fit.parameter_names, parameters(robot), strict=False))
     v = np.array(item.speeds)
     assert np.abs(np.array(item.torques) - (value["Fv1"] * v + value["Fc1"])).max() < 4.0 * max(item.stds)
-    assert "the log does not identify the velocity of Fr1; friction of joint 1 in N.m" in str(fit)
+    assert (
+        "the log does not identify the velocity of Fr1; friction of joint 1 (N.m, 95 %) by speed (rad/s): "
+        in str(fit)
+    )
 
 
 def test_a_velocity_below_twice_the_dead_zone_is_refused() -> None:

@@ -180,8 +180,9 @@ class Uncertainty(Pickled):
         found = []
         for item in self.exchanges:
             law, beside = item.parameters
+            torque_unit, speed_unit = ("N.m", "rad/s") if item.kind == "revolute" else ("N", "m/s")
             values = [
-                f"{torque:.4g} -+ {factor * std:.2g} at {speed:.2g}"
+                f"{torque:.4g} +- {factor * std:.2g} at {speed:.2g}"
                 for speed, torque, std in zip(item.speeds, item.torques, item.stds, strict=True)
             ]
             reason = (
@@ -190,7 +191,7 @@ class Uncertainty(Pickled):
                 else f"{law} and {beside} exchange (correlation {item.correlation:.3f})"
             )
             found.append(
-                f"{reason}; friction of joint {item.joint + 1} in N.m or N, by speed in rad/s or m/s (95 %): {series(values, 80)}"
+                f"{reason}; friction of joint {item.joint + 1} ({torque_unit}, 95 %) by speed ({speed_unit}): {series(values, 80)}"
             )
         return found
 

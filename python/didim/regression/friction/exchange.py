@@ -44,6 +44,8 @@ class Exchange:
     ----------
     joint : int
         Joint, from 0.
+    kind : {"revolute", "prismatic"}
+        Its kind.
     parameters : (str, str)
         The parameter of the law, and that of viscous or Coulomb friction with which it is most correlated.
     correlation : float
@@ -53,11 +55,12 @@ class Exchange:
     speeds : tuple of float
         Speeds (rad/s or m/s).
     torques, stds : tuple of float
-        Friction at these speeds, half the difference between both directions at the median load, and its standard deviation
-        (N.m or N), without the shift by laws that the model lacks.
+        Friction at these speeds (N.m or N), half the difference between both directions at the median load, and its standard
+        deviation, without the shift by laws that the model lacks.
     """
 
     joint: int
+    kind: str
     parameters: tuple[str, str]
     correlation: float
     refused: bool
@@ -117,6 +120,7 @@ def exchanges(
         found.append(
             Exchange(
                 joint=term.joint,
+                kind=robot.joint_kinds[term.joint],
                 parameters=(term.parameter, names[beside[most]]),
                 correlation=float(correlations[most]),
                 refused=term.refused,
@@ -150,15 +154,13 @@ def _curve(
     values = dict(zip(robot.parameter_names, x, strict=True))
     nothing = np.zeros_like(speeds)
     slopes = [columns.get(name, nothing) for name in names]
-    for term in robot.friction.terms:
-        if term.parameter in velocities:
-            up, down = (
-                _columns(_with_velocity(robot, term, factor), joint, speeds, load).get(
-                    term.parameter, nothing
-                )
-                for factor in (1.0 + VELOCITY_CHANGE, 1.0 - VELOCITY_CHANGE)
-            )
-            slopes.append(values[term.parameter] * (up - down) / (2.0 * VELOCITY_CHANGE * term.velocity))
+    terms = {term.parameter: term for term in robot.friction.terms}
+    for term in (terms[name] for name in velocities):
+        up, down = (
+            _columns(_with_velocity(robot, term, factor), joint, speeds, load).get(term.parameter, nothing)
+            for factor in (1.0 + VELOCITY_CHANGE, 1.0 - VELOCITY_CHANGE)
+        )
+        slopes.append(values[term.parameter] * (up - down) / (2.0 * VELOCITY_CHANGE * term.velocity))
     h = np.array(slopes)
     torques = np.sum([values[name] * column for name, column in columns.items()], axis=0)
     return torques, np.sqrt(np.maximum(np.einsum("as,ab,bs->s", h, covariance, h), 0.0))
