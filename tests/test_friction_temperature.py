@@ -62,7 +62,7 @@ def test_columns_are_those_of_the_equations() -> None:
     np.testing.assert_allclose(tau, expected, rtol=1e-12, atol=1e-12)
     w = didim.regressor(robot, q, dq, ddq, temperature=warmth)
     np.testing.assert_allclose(w @ x, tau, rtol=1e-9, atol=1e-9)
-    # One temperature for all joints; at that of reference, and in simulations, the terms are zero.
+    # One temperature for all joints; at the reference temperature, and in simulations, the terms are zero.
     one = didim.inverse_dynamics(robot, q, dq, ddq, x, temperature=warmth[:, 0])
     np.testing.assert_array_equal(one[:, 0], tau[:, 0])
     at_reference = didim.inverse_dynamics(robot, q, dq, ddq, x, temperature=np.full(300, REFERENCE))
@@ -202,7 +202,7 @@ def test_a_wrong_temperature_is_named() -> None:
         replace(recording, temperature=values)
 
 
-def test_exports_have_the_temperature_of_reference() -> None:
+def test_exports_are_at_the_reference_temperature() -> None:
     warm, plain = planar(*WARM), planar()
     code = [
         re.sub(r"t\d+", "t", didim.export.to_c(robot, x, prefix="arm").partition("#include")[2])

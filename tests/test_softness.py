@@ -123,7 +123,7 @@ def rest_of(soft: str) -> float:
 
 
 def test_the_softness_of_the_file_is_simulated_and_kept_by_an_export(tmp_path: Path) -> None:
-    """Of a file with the log's own softness no other one is looked for; into another file it is written."""
+    """With the softness of the log in the file, no other one is looked for; an export to another file writes it."""
     soft = ' solreffriction="0.005 1"'
     fit = fitted(tmp_path, soft, own=soft)
     assert fit.verdict.sound
@@ -153,8 +153,8 @@ def test_an_estimated_softness_is_exported_and_replayed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.002, 0.02, 0.05])
-def test_intervals_of_a_smooth_sign_of_another_width_hold(tmp_path: Path, speed: float) -> None:
-    """No law of the search is this friction: the nearest one is 1 to 2 % off, but intervals include a smooth sign of that width."""
+def test_a_smooth_sign_of_another_width_is_near_its_intervals(tmp_path: Path, speed: float) -> None:
+    """No law of the search is this friction: estimates are 1 to 2 % off, at most 1.5 half widths of their intervals."""
     fitted(tmp_path)
     experiment = didim.load_experiment(tmp_path / "leg.toml")
     truth = build(

@@ -125,7 +125,7 @@ def with_known_friction(
         return experiment, None
     job = settings.job(experiment)
     parts = job.parts("fit", job.delay())
-    if method.motion == "simulated":  # at the temperature of reference
+    if method.motion == "simulated":  # a simulation is at the reference temperature
         parts = [replace(part, temperature=None) for part in parts]
     chosen = (dict(job.fixed), job.dropped)
 

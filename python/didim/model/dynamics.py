@@ -37,7 +37,7 @@ def inverse_dynamics(
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``.
     temperature : (n_samples, n_dof) or (n_samples,) array, optional
-        Temperature of the joints (degC); the laws' reference without it.
+        Temperature of the joints (degC); the reference temperature of each law without it.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def regressor(
     x : (n_parameters,) array, optional
         Standard parameters, needed for load friction: they give the torque of links and rotors.
     temperature : (n_samples, n_dof) or (n_samples,) array, optional
-        Temperature of the joints (degC); the laws' reference without it.
+        Temperature of the joints (degC); the reference temperature of each law without it.
     out : (n_samples, n_dof, n_parameters) array, optional
         Contiguous memory for the result: reuse saves time for batches that fit the cache.
 

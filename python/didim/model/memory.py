@@ -184,7 +184,7 @@ def memory_columns(
     load : ndarray, shape (n_samples, n_dof), optional
         Torque of links and rotors, for load friction.
     temperature : ndarray, shape (n_samples, n_dof), optional
-        Temperature of the joints (degC); that of reference without it.
+        Temperature of the joints (degC); the reference temperature without it.
 
     Yields
     ------

@@ -42,6 +42,8 @@ SETTLED_SAMPLES = 0.005
 """Step, in samples, below which the delays have converged."""
 MOST_BYTES = 64_000_000
 """Upper bound of the memory of decimated torques that are kept for other cut-offs (bytes)."""
+Moved = dict[bytes, Array]
+"""Decimated torques of a log by the shift of each joint, rows joint by joint."""
 NO_MOTION = 1e-9
 """Share of a joint's torque below which its derivative does not identify a delay."""
 
@@ -185,10 +187,6 @@ def estimate_delay(
         cutoff_hz=signal.cutoff_hz,
     )
     return estimate, search.misfit
-
-
-Moved = dict[bytes, Array]
-"""Decimated torques of a log by the shift of each joint, rows joint by joint."""
 
 
 class _Search:

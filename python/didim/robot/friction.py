@@ -60,7 +60,7 @@ OF_POSITION: frozenset[str] = frozenset((*SPRINGS["linear"], *SPRINGS["gravity"]
 OF_PATH: frozenset[str] = frozenset(("hold", "dahl"))
 """Laws whose column depends on the path so far: those that remember."""
 OF_TEMPERATURE: frozenset[str] = frozenset(("warm_viscous", "warm_coulomb"))
-"""Laws whose column depends on the recorded temperature, and is zero at that of reference."""
+"""Laws whose column depends on the recorded temperature, and is zero at the reference temperature."""
 REFERENCE_DEGC = 25.0
 """Temperature (degC) at which ``Fv`` and ``Fc`` are stated, where a file gives none."""
 STIFF: frozenset[str] = frozenset(("spring", "cylinder_rate"))

@@ -443,7 +443,7 @@ class Robot(Pickled):
 
 
 def _core_term(term: FrictionTerm) -> tuple[int, str, str, float, float, list[float]]:
-    """Return a friction term of the core, whose robot has the temperature of reference: there a law of temperature is zero."""
+    """Return a friction term of the core, whose robot is at the reference temperature, where a law of temperature is zero."""
     if term.law in OF_TEMPERATURE:
         return term.joint, term.name, "table", -1.0, 1.0, [0.0] * 4
     place = term.first if term.law == "table" else term.velocity

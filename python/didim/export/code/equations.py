@@ -239,7 +239,7 @@ class Equations:
                 friction[term.joint] = friction[term.joint] + self.value(term.parameter) * state
         for term in self.robot.friction.terms:
             if term.law in OF_POSITION | OF_PATH | OF_TEMPERATURE:
-                continue  # like gravity; those that remember; zero at the temperature of reference
+                continue  # like gravity; those that remember; zero at the reference temperature
             j, parameter = term.joint, self.value(term.parameter)
             if term.law == "load":
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.magnitude(tau[j])
