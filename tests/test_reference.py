@@ -187,6 +187,10 @@ def move(points: Any = ((0.0, 0.0), (1.0, 1.0)), **changes: Any) -> Reference:
             lambda: Reference.fourier(np.ones((1000, 1)), np.ones((1000, 1)), period_s=1, duration_s=2),
             "2 s with 1000 harmonics in 1 s is too long",
         ),
+        (  # as large as one of four joints in the core
+            lambda: Reference.fourier(np.ones((4, 1)), np.ones((4, 1)), period_s=5e-5, duration_s=0.6),
+            "0.6 s with 4 harmonics in 5e-05 s is too long",
+        ),
         (
             lambda: Reference.fourier(Q, Q, period_s=1, offset=[1, 2, 3]),
             "offset needs 2 numbers, one per joint",
