@@ -15,8 +15,8 @@ import didim._core as _core
 
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
-from ..errors import SignalError
-from .filters import checked_columns, core_errors, padding_length, poles_survive
+from ..errors import CoreErrorsAs, SignalError
+from .filters import checked_columns, padding_length, poles_survive
 from .processing import Convention, SignalProcessing
 
 Stage = tuple[Array, Array, int, int, int]
@@ -133,7 +133,8 @@ def decimate(x: Array, stages: Sequence[Stage]) -> Array:
     ``test_signals.py`` compares with ``scipy.signal.decimate(zero_phase=True)``.
     """
     x = checked_columns(x)
-    return core_errors(lambda: _core.decimate(x, list(stages), core_threads())) if stages else x.copy()
+    with CoreErrorsAs(SignalError):
+        return _core.decimate(x, list(stages), core_threads()) if stages else x.copy()
 
 
 def row_values(values: Array, signal: SignalProcessing) -> Array:

@@ -8,7 +8,7 @@ differ in the padding and in the samples that are retained. To reproduce a publi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -117,9 +117,8 @@ def zero_phase_butterworth(
     if transfer:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
             return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))[inside]
-    filtered = core_errors(
-        lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
-    )
+    with CoreErrorsAs(SignalError):
+        filtered = _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
     return np.ascontiguousarray(filtered[inside])
 
 
@@ -255,12 +254,6 @@ def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[
     roots = np.concatenate([np.roots(denominator) for denominator in denominators])
     moved = np.array([np.abs(roots - pole).min() for pole in poles]) + np.finfo(np.float64).eps
     return bool((moved <= LARGEST_POLE_ERROR * margin).all())
-
-
-def core_errors(run: Callable[[], Array]) -> Array:
-    """Run a function of the core, and raise its error as a `SignalError`."""
-    with CoreErrorsAs(SignalError):
-        return run()
 
 
 def checked_columns(x: Array) -> Array:

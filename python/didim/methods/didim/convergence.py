@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import counted
 
 MOST_STEPS = 8
@@ -180,7 +180,7 @@ def step_sentence(error: Array, size: Array) -> str:
     """Return the sentence on too large time steps; error and size of the torques are (n_dof,), rms (N.m or N)."""
     if not np.isfinite(error).all():
         return "the integration step is too large: with half of it the simulation ends early; reduce step_s and fine_step_s"
-    joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))
+    joint = int(np.argmax(quotient(error, size, np.inf)))
     return (
         f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "
         f"{size[joint]:.2g}; reduce step_s and fine_step_s in [simulation]"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..._tools.arrays import rms
 from ...loop.outcome import LARGE_ERROR
 from ...model.safe_step import thinned
 from ...result.identification import Identification
@@ -87,7 +88,7 @@ def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str
     if not simulator.steps_follow_rates:
         simulated = point.simulated
         fine, torque = simulator.finer(point.x, simulated), simulated.motions[0][3]
-        error, size = (np.sqrt(np.mean(values**2, axis=0)) for values in (fine - torque, fine))
+        error, size = rms(fine - torque), rms(fine)
         # With a wrong log no time step is small enough.
         if not suspected and not np.all(error <= LARGE_ERROR * size):
             found.append(step_sentence(error, size))

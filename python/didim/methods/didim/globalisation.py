@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ...loop.outcome import Outcome, SimulationStatus
 from ...model.safe_step import safe_step
 from ...regression.covariance import inverse
@@ -37,9 +37,7 @@ class Globalisation(Protocol):
 def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
     """Return the largest change of a base parameter, in standard deviations."""
     change = np.abs(problem.base.project(step))
-    return float(
-        np.divide(change, solved.std, out=np.zeros_like(change), where=solved.std > 0.0).max(initial=0.0)
-    )
+    return float(quotient(change, solved.std).max(initial=0.0))
 
 
 class SafeSteps:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ...model.limbs import Directions
 from ...regression.covariance import decimated, white
 from ...regression.fit import Fit
@@ -177,4 +177,4 @@ class Response:
     def wider(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> float:
         """Return the largest ratio of the fixed point's standard deviations to those of (10)."""
         before, after = fit.std, self.with_errors(system, fit, settings).std
-        return float(np.max(np.divide(after, before, out=np.ones_like(before), where=before > 0.0)))
+        return float(np.max(quotient(after, before, 1.0)))

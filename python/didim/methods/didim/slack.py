@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
@@ -287,7 +287,7 @@ def _distance(loop: Loop, iterate: SolvedIterate, response: Response) -> float:
     """Return the largest distance of a parameter from the fixed point, in its standard deviations."""
     std = response.with_errors(iterate.system, iterate.fit, loop.job.settings).std
     left = np.abs(response.gain @ (iterate.fit.solution - loop.estimates(iterate.x)))
-    return float(np.max(np.divide(left, std, out=np.zeros_like(left), where=std > 0.0)))
+    return float(np.max(quotient(left, std)))
 
 
 def _newton(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import did_you_mean
 from ...errors import FitError
 from ...experiment.experiment import Experiment
@@ -166,7 +166,7 @@ def _shares(experiment: Experiment, kp: Array) -> Array:
                 f'recording \'{item.name}\': links = "fixed" has no own {item.own[0]}; [unknown] has shared = "log" for drives'
             )
         if item.kp is not None:
-            share[:] = np.divide(item.kp, kp, out=np.ones(len(kp)), where=kp > 0.0)
+            share[:] = quotient(np.asarray(item.kp), kp, 1.0)
     return shares
 
 

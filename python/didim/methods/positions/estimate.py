@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient, rms
 from ..._tools.saved import plain
 from ..._tools.words import series
 from ...errors import FitError
@@ -158,7 +158,7 @@ def _result(experiment: Experiment, end: End) -> Identification:
     condition = float(np.linalg.cond(a[np.ix_(use, use)] / np.outer(size, size))) if use.size else math.inf
     n_rows = sum(e.size for e in now.errors)
     norm = math.sqrt(sum(float(e @ e) for e in now.errors))
-    shares = np.divide(after, before, out=np.full_like(after, np.nan), where=before > 0.0)
+    shares = quotient(after, before, np.nan)
     return Identification(
         name=experiment.name,
         robot=experiment.robot.name,
@@ -340,7 +340,7 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
     ]
     if not tracked:
         return []
-    tracking = np.sqrt(np.mean(np.concatenate(tracked) ** 2, axis=0))
+    tracking = rms(np.concatenate(tracked))
     share = float(np.linalg.norm(after) / max(float(np.linalg.norm(tracking)), np.finfo(float).tiny))
     if not share > SIZE_DOUBTFUL:
         return []

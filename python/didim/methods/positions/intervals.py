@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import series
 from ...regression.jackknife import deletion_covariance
 from ...result.finding import Finding, said
@@ -133,7 +133,7 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
             steps.append(bounded_step(problem, now, a[part].sum(axis=0), g[part].sum(axis=0), 0.0, n_rows))
             variances.append(np.diag(_jackknife(problem, now, a[part], g[part])))
         change, deviation = steps[1] - steps[0], np.sqrt(sum(variances))
-        ratio = np.divide(change, deviation, out=np.zeros_like(change), where=deviation > 0.0)
+        ratio = quotient(change, deviation)
         found = np.where(np.abs(ratio) > np.abs(found[1]), [change, ratio], found)
     return found
 
@@ -152,7 +152,7 @@ def errors_over_noise(problem: Problem, now: Search, least: float = LEAST_NOISE)
             squares[at] += np.sum(e**2, axis=0)
             noise[at] += len(e) * np.maximum(own, least) ** 2
             count[at] += len(e)
-    return np.sqrt(np.divide(squares, noise, out=np.zeros_like(squares), where=count > 0))
+    return np.sqrt(quotient(squares, noise))
 
 
 def widened(spread: Intervals, shift: Array) -> Intervals:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.specs import SimulationSettings
@@ -239,7 +239,7 @@ class Problem:
                 at = list(self.limbs[rollout.limb].joints)
                 squares[at] += np.sum(e**2, axis=0)
                 counts[at] += len(e)
-        return np.sqrt(np.divide(squares, counts, out=np.full_like(squares, np.nan), where=counts > 0))
+        return np.sqrt(quotient(squares, counts, np.nan))
 
     def _compared(self, number: int, q: Array) -> Array:
         rollout = self.rollouts[number]

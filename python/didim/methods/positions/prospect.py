@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...signal.noise import encoder_noise
@@ -92,7 +92,7 @@ def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:
     values = np.array([abs(problem.columns[k].start) or 1e3 * problem.columns[k].step for k in use])
     share = np.full(len(problem.columns), np.nan)
     half = 2.0 * error * f / np.sqrt(np.diag(a)[use])
-    share[use] = np.divide(half, values, out=np.full_like(half, np.nan), where=values > 0.0)
+    share[use] = quotient(half, values, np.nan)
     return share
 
 
