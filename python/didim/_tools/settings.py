@@ -31,8 +31,10 @@ def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
             continue
         if key.type == "integer":
             value = whole(key.name, value, error, least=key.minimum, most=key.maximum)
-        elif key.type == "number" and key.above is not None:
+        elif key.type == "number" and (key.above is not None or (key.minimum or 0.0) > 0.0):
             value = positive(key.name, value, error, "frequency" if key.unit == "Hz" else "number")
+            if key.minimum is not None and value < key.minimum:
+                raise error(f"{key.name} must be at least {key.minimum:g}, got {value!r}")
         elif key.choices:
             one_of(key.name, value, key.choices, error)
         object.__setattr__(settings, item.name, value)
