@@ -68,6 +68,17 @@ def test_a_file_of_something_else_is_left_as_it_is(tmp_path: Path, content: str)
     assert path.read_text() == content
 
 
+def test_a_row_is_looked_for_in_the_first_64_megabytes(tmp_path: Path) -> None:
+    """The hole of a sparse file has no end that could be waited for."""
+    path = tmp_path / "rows.jsonl"
+    path.touch()
+    os.truncate(path, 1 << 42)
+    with pytest.raises(StudyError, match="holds no rows of a study"):
+        RowFile(path)
+    path.write_text("damaged\n" + json.dumps(row("a")) + "\n")
+    RowFile(path).close()
+
+
 def test_rows_are_not_appended_to_a_device() -> None:
     with pytest.raises(StudyError, match="/dev/null: rows are appended to a file"):
         RowFile(Path("/dev/null"))

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -297,6 +298,10 @@ def _check_row(row: Row, where: str) -> None:
         )
 
 
+LONGEST_ROW = 1 << 20
+"""Upper bound of the bytes of a row that is looked for in a file to be continued; one of 500 parameters has 20 kB."""
+SEARCHED = 1 << 26
+"""Bytes of a file to be continued in which a row is looked for."""
 OPENING = b'{"id":'
 """First bytes of a row."""
 
@@ -383,7 +388,9 @@ def _require_rows(path: Path) -> None:
     with path.open("rb") as file:
         opening = file.read(len(OPENING))
         file.seek(0)
-        for line in file:
+        for line in iter(partial(file.readline, LONGEST_ROW), b""):
+            if file.tell() > SEARCHED:
+                break
             try:
                 row = json.loads(line)
             except (ValueError, RecursionError):
