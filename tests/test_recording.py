@@ -613,6 +613,10 @@ def test_wrong_keys(
             {"windows_s": [0.0, 1.0]},
             "windows_s must be a list of [start, stop] in seconds with start < stop, got 0.0",
         ),
+        (
+            {"windows_s": [[0.0, 10**400]]},
+            f"windows_s must be a list of [start, stop] in seconds with start < stop, got [0.0, 1{50 * '0'}...",
+        ),
         ({"role": "test"}, "role must be one of 'fit', 'held-out', got 'test'"),
         (
             {"acceleration": {}},

@@ -206,6 +206,11 @@ def test_a_payload_that_is_known_is_part_of_the_model(known: didim.Identificatio
         residual_torques(known, replace(named, payloads={"tool": Payload(name="tool", mass_kg=2.0)}))
 
 
+def test_a_delay_that_is_not_finite_is_one_sentence(known: didim.Identification) -> None:
+    with pytest.raises(FitError, match="the delay of the result must be a finite number, got nan"):
+        residual_torques(replace(known, delay={"compensated_samples": float("nan")}), clean(1))
+
+
 def test_the_command_prints_writes_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fit = didim.identify(arm_logs([False], noise=(0.3, 0.2)), didim.IDIMLS())
     fit.save(tmp_path / "fit.json")

@@ -141,6 +141,10 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
             "lengths or gravity allow no base parameters",
         ),
         (("[parameters.good]", '[friction]\ncoulomb = "tanh"\n[parameters.good]'), "smoothing_rad_s above 0"),
+        (  # such a smooth sign is no column of its own
+            ("[parameters.good]", "[friction]\nsmoothing_rad_s = 1e9\n[parameters.good]"),
+            "smoothing_rad_s must be at most 100.0, got 1000000000.0",
+        ),
         (
             ("[parameters.good]", "[friction]\ndead_zone_rad_s = -1\n[parameters.good]"),
             "dead_zone_rad_s must be at least 0.0, got -1.0",

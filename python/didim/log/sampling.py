@@ -5,6 +5,7 @@ Tested in ``tests/test_recording.py``.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import Table
-from .._tools.words import counted
+from .._tools.words import brief, counted
 from ..errors import RecordingError
 
 MINIMUM_SAMPLES = 3
@@ -166,16 +167,16 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
     """
     wanted = "windows_s must be a list of [start, stop] in seconds with start < stop"
     if not isinstance(windows_s, list):
-        table.fail(f"{wanted}, got {windows_s!r}")
+        table.fail(f"{wanted}, got {brief(repr(windows_s))}")
     found: list[tuple[int, int]] = []
     for window in windows_s:
         if (
             not isinstance(window, list)
             or len(window) != 2
-            or not all(type(edge) in (int, float) and np.isfinite(edge) for edge in window)
+            or not all(type(edge) in (int, float) and abs(edge) <= sys.float_info.max for edge in window)
             or not window[0] < window[1]
         ):
-            table.fail(f"{wanted}, got {window!r}")
+            table.fail(f"{wanted}, got {brief(repr(window))}")
         # Compared before rounding, because a distant edge may be infinite in samples.
         if window[0] * rate_hz <= -0.5 or window[1] * rate_hz >= n_samples + 0.5:
             table.fail(f"the window {window} s leaves the record, which lasts {n_samples / rate_hz:.6g} s")

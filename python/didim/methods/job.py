@@ -81,8 +81,16 @@ class Delay:
 
     @classmethod
     def recorded(cls, record: Mapping[str, Any]) -> Delay:
-        """Return the delay compensated in a result."""
+        """Return the delay compensated in a result.
+
+        Raises
+        ------
+        FitError
+            For a delay that is not a finite number (``test_residual.py``).
+        """
         samples = record.get("compensated_samples", 0.0)
+        if not np.isfinite(np.asarray(samples, dtype=np.float64)).all():
+            raise FitError(f"the delay of the result must be a finite number, got {samples}")
         return cls(tuple(samples) if isinstance(samples, list) else samples, record.get("hold_s", 0.0))
 
 
