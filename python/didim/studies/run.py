@@ -72,8 +72,8 @@ class SimulationReport(Printed):
         n = self.loop.robot.n_dof
         groups = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "q_ref": self.loop.reference.at(self.loop.t)[0]}
         names = ["t", *(f"{name}{joint + 1}" for name in groups for joint in range(n))]
-        text = io.StringIO()
-        text.write(",".join(names) + "\n")
+        text = io.BytesIO()
+        text.write((",".join(names) + "\n").encode())  # bytes: text in memory takes four times as much
         np.savetxt(text, np.column_stack([self.loop.t, *groups.values()]), fmt="%.15g", delimiter=",")
         write_atomically(path, text.getvalue(), self.experiment.digests.values())
 
