@@ -46,6 +46,8 @@ DEAF_S = 300.0
 """Time (s) by the clock after which a case has not heard, and its process is ended; other programs may share the processor."""
 MEMORY_GB = 1.0
 """Largest memory of the process of a case, modules included."""
+FRESH_GB = 0.5
+"""Memory of a case after which the next one gets a new process: what the allocator keeps would count for it."""
 ADDRESSES_GB = 6
 """Limit of the address space: memory that is asked for and not used counts here."""
 LONGEST_SENTENCE = 1200
@@ -187,10 +189,7 @@ def wrong_result() -> str:
 
 
 def work(seed: int, numbers: list[int], material: Path, folder: Path, kept: Path) -> None:
-    """Run cases in this process, each announced and answered by a line on stdout.
-
-    After one that took too much memory the process ends: what the allocator keeps would count for the next.
-    """
+    """Run cases in this process, each announced and answered by a line on stdout, until one took more than `FRESH_GB`."""
     import resource
 
     # Now, so that no case waits for them.
@@ -220,7 +219,7 @@ def work(seed: int, numbers: list[int], material: Path, folder: Path, kept: Path
             if outcome != "result" and outcome != "refused":
                 keep(folder, kept, number, complaint or "long")
             print("end", number, outcome, flush=True)
-            if peak_gb() > MEMORY_GB:
+            if peak_gb() > FRESH_GB:
                 break
 
 

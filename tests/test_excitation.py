@@ -282,6 +282,18 @@ def test_a_prior_of_another_robot_is_refused(planar: Robot, design: Excitation) 
         excite(other, ExcitationSettings(**SMALL, prior=(recorded(planar, design),)))
 
 
+def test_terms_of_temperature_are_left_out_of_a_design_with_a_remark(planar: Robot, design: Excitation) -> None:
+    """Their columns are zero at the reference temperature."""
+    warm = planar.with_friction(temperature_viscous=[1])
+    settings = ExcitationSettings(**(SMALL | {"iterations": 2}), parameters="reference")
+    prior = replace(recorded(planar, design), robot=warm)
+    found = excite(warm, replace(settings, prior=(prior,)))
+    expected = excite(planar, replace(settings, prior=(recorded(planar, design),)))
+    assert found.names == expected.names
+    np.testing.assert_array_equal(found.std, expected.std)
+    assert any("terms of temperature are left out" in remark for remark in found.remarks)
+
+
 def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation) -> None:
     sigma = noise_from(recorded(smooth(planar), design), smooth(planar), 500.0)
     np.testing.assert_allclose(sigma, [0.4, 0.2], rtol=0.3)
@@ -311,6 +323,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
             {"friction": {"load": [2]}},
             "the load friction of joint 2 depends on the torques that are still to be identified",
         ),
+        ({"friction": {"dead_zone_rad_s": 1e18}}, "the friction of robot 'planar2' hides Fc1: its dead zone"),
         ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
 )

@@ -18,6 +18,7 @@ from ..experiment.experiment_file import load_experiment
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
+from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
 from ..signal.segments import segments
 from .settings import Prior
@@ -83,8 +84,14 @@ def _of_result(fit: Identification, robot: Robot) -> Array:
     return information
 
 
+def at_reference_temperature(robot: Robot) -> Robot:
+    """Return a robot without terms of temperature, whose columns are zero at the reference temperature; or the robot itself."""
+    terms = [term for term in robot.friction.terms if term.law not in OF_TEMPERATURE]
+    return robot if len(terms) == len(robot.friction.terms) else robot.with_terms(terms)
+
+
 def _check_robot(experiment: Experiment, robot: Robot) -> None:
-    if experiment.robot.parameter_names != robot.parameter_names:
+    if at_reference_temperature(experiment.robot).parameter_names != robot.parameter_names:
         raise ExcitationError(
             f"experiment {experiment.name!r} is for robot {experiment.robot.name!r} with other parameters than robot "
             f"{robot.name!r}; is it the same robot with the same friction?"

@@ -12,12 +12,11 @@ from .._tools.words import did_you_mean
 from ..errors import ExcitationError
 from ..methods.start import standard_start
 from ..model.dynamics import inverse_dynamics, standard_vector
-from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
 from .clearance import Clearance
 from .criterion import criterion
 from .limits import motion_limits
-from .prior import noise_from, prior_information
+from .prior import at_reference_temperature, noise_from, prior_information
 from .problem import Information, Problem
 from .series import ScaledSeries
 from .settings import ExcitationSettings
@@ -35,7 +34,7 @@ class Task:
     """Common data of all starts."""
 
     def __init__(self, robot: Robot, settings: ExcitationSettings) -> None:
-        self.robot, self.settings = robot, settings
+        self.robot, self.settings = at_reference_temperature(robot), settings
         for term in robot.friction.terms:
             if term.law == "load":
                 raise ExcitationError(
@@ -44,8 +43,13 @@ class Task:
                 )
         # The sign of the velocity has no gradient.
         smooth = [max(settings.smoothing, one) for one in robot.friction.smoothing]
-        terms = [term for term in robot.friction.terms if term.law not in ("hold", *OF_TEMPERATURE)]
-        self.smooth = robot.with_terms(terms).with_smoothing(smooth)
+        terms = [term for term in self.robot.friction.terms if term.law != "hold"]
+        self.smooth = self.robot.with_terms(terms).with_smoothing(smooth)
+        hidden = set(self.smooth.base_parameters.names) - set(self.robot.base_parameters.names)
+        if hidden:
+            raise ExcitationError(
+                f"the friction of robot {robot.name!r} hides {min(hidden)}: its dead zone is wider than its speeds"
+            )
         self.limits = motion_limits(
             robot,
             position=settings.position,
@@ -56,14 +60,16 @@ class Task:
             margin=settings.margin,
         )
         self.remarks = list(self.limits.assumed)
-        self.x = self._parameters()
+        if self.robot is not robot:
+            self.remarks.append("terms of temperature are left out: the design is for the reference temperature")
+        self.x = self._parameters(robot)
         self.rate = settings.rate_hz if settings.log_rate_hz is None else settings.log_rate_hz
         self.sigma = self._noise()
         capsules = (*getattr(robot, "collision", ()), *settings.capsules)
         self.clearance = Clearance(robot, capsules, settings.workspace)
         self.start = self._pose("start", settings.start)
         self.home = self._pose("home", settings.home)
-        base = len(robot.base_parameters.names)
+        base = len(self.robot.base_parameters.names)
         prior = np.zeros((base, base))
         for source in settings.prior:
             prior = prior + prior_information(source, self.smooth, self.sigma, self.rate)
@@ -71,9 +77,9 @@ class Task:
         self.wanted = self._wanted()
         self.limited = self.x is not None and bool(np.isfinite(self.limits.torque).any())
 
-    def _parameters(self) -> Array | None:
+    def _parameters(self, robot: Robot) -> Array | None:
         given = self.settings.parameters
-        if given is None and "urdf" in self.robot.sets:
+        if given is None and "urdf" in robot.sets:
             given = "urdf"
         if given is None:
             if np.isfinite(self.limits.torque).any():
@@ -81,7 +87,8 @@ class Task:
                     "torque limits are not checked, because no parameters are given, such as those of an earlier result"
                 )
             return None
-        x = standard_vector(self.robot, standard_start(self.robot, given))
+        x = standard_vector(robot, standard_start(robot, given))
+        x = x[[robot.parameter_names.index(name) for name in self.robot.parameter_names]]
         worst = int(np.abs(x).argmax())
         if abs(x[worst]) > LARGEST_PARAMETER:
             raise ExcitationError(
