@@ -282,7 +282,9 @@ def test_a_prior_of_another_robot_is_refused(planar: Robot, design: Excitation) 
         excite(other, ExcitationSettings(**SMALL, prior=(recorded(planar, design),)))
 
 
-def test_terms_of_temperature_are_left_out_of_a_design_with_a_remark(planar: Robot, design: Excitation) -> None:
+def test_terms_of_temperature_are_left_out_of_a_design_with_a_remark(
+    planar: Robot, design: Excitation
+) -> None:
     """Their columns are zero at the reference temperature."""
     warm = planar.with_friction(temperature_viscous=[1])
     settings = ExcitationSettings(**(SMALL | {"iterations": 2}), parameters="reference")
@@ -324,6 +326,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
             "the load friction of joint 2 depends on the torques that are still to be identified",
         ),
         ({"friction": {"dead_zone_rad_s": 1e18}}, "the friction of robot 'planar2' hides Fc1: its dead zone"),
+        ({"torque_noise": 1e300}, r"torque_noise needs .* at most 1e\+30, got 1e\+300"),
         ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
 )
@@ -339,7 +342,7 @@ def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str,
         ({"kind": "chirp"}, "kind must be 'fourier' or 'point-to-point', got 'chirp'"),
         ({"criterion": "trace"}, "criterion must be 'information' or 'condition', got 'trace'"),
         ({"points": 300_000}, "points must be a whole number from 2 to 1000, got 300000"),
-        ({"starts": 0}, "starts must be a whole number of at least 1, got 0"),
+        ({"starts": 0}, "starts must be a whole number from 1 to 10000, got 0"),
         ({"duration_s": -1.0}, r"duration_s must be a positive number, got -1\.0"),
         ({"log_rate_hz": 1e-320}, r"log_rate_hz must be at least 0\.001"),
         ({"rate_hz": 1e7}, r"10 s at 1e\+07 Hz are 1e\+08 samples, where at most 2e\+06 are designed"),

@@ -27,7 +27,7 @@ REST_POSES = 2000
 """Number of random poses tried to find one in which the robot can rest within all limits."""
 
 LARGEST_PARAMETER = 1e30
-"""Largest standard parameter (SI) of a design: sums of squared torques stay far below the limit of floating point."""
+"""Largest standard parameter, and largest noise (SI), of a design: squared sums stay far below the limit of floating point."""
 
 
 class Task:
@@ -61,7 +61,9 @@ class Task:
         )
         self.remarks = list(self.limits.assumed)
         if self.robot is not robot:
-            self.remarks.append("terms of temperature are left out: the design is for the reference temperature")
+            self.remarks.append(
+                "terms of temperature are left out: the design is for the reference temperature"
+            )
         self.x = self._parameters(robot)
         self.rate = settings.rate_hz if settings.log_rate_hz is None else settings.log_rate_hz
         self.sigma = self._noise()
@@ -100,9 +102,10 @@ class Task:
         given, n = self.settings.torque_noise, self.robot.n_dof
         if given is not None:
             values = real_array("torque_noise", given, ExcitationError)
-            if values.shape not in ((), (n,)) or not (values > 0.0).all():
+            sensible = (values >= 1.0 / LARGEST_PARAMETER) & (values <= LARGEST_PARAMETER)
+            if values.shape not in ((), (n,)) or not sensible.all():
                 raise ExcitationError(
-                    f"torque_noise needs one positive number or {n}, one per joint, got {given!r}"
+                    f"torque_noise needs one positive number or {n}, one per joint, at most {LARGEST_PARAMETER:g}, got {given!r}"
                 )
             return np.broadcast_to(values, (n,)).astype(float)
         if self.settings.noise_of is not None:
