@@ -74,6 +74,20 @@ def test_errors_are_those_of_least_squares_on_blocks_left_out(
     np.testing.assert_allclose(products.predicted(np.ones(p), order, np.array(factors)), other, rtol=1e-9)
 
 
+def test_no_fit_leaves_less_of_a_channel_than_one_joint_alone() -> None:
+    """Two parts of two joints each, which share columns 1 to 3 and 4 to 6; the other columns of their rows are empty."""
+    rng = np.random.default_rng(5)
+    w, y = np.zeros((4, 90, 6)), rng.standard_normal((4, 90))
+    w[:2, :, :3], w[2:, :, 3:] = rng.standard_normal((2, 2, 90, 3))
+    products = Products.of(w, y)
+    single = np.array([np.sum((y.T - c @ np.linalg.lstsq(c, y.T, rcond=None)[0]) ** 2, axis=0) for c in w])
+    np.testing.assert_allclose(products.alone, single, rtol=1e-9)
+    for order in ((0, 1, 2, 3), (1, 0, 2, 3), (2, 1, 0, 3), (0, 3, 2, 1)):
+        assert np.all(products.seen(order) >= single[list(order), range(4)] * (1.0 - 1e-9))
+    known = replace(products, given=np.ones(6), _solutions={})
+    np.testing.assert_allclose(known.alone, np.sum((y - w.sum(axis=2)[:, None]) ** 2, axis=2), rtol=1e-9)
+
+
 def test_d_of_one_halved_error_is_that_of_a_quarter() -> None:
     rng = np.random.default_rng(1)
     w, noise = rng.standard_normal((2, 400, 2)), rng.standard_normal((2, 400))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from didim.errors import SimulationError
 from didim.evidence.hypotheses.geometry import gravities, lengths
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.hypotheses.positions import exchanged, positions
+from didim.evidence.naming import torque_findings
 from didim.evidence.rows import LogRows
 from didim.experiment.experiment import Experiment
 from didim.loop.closed_loop import ClosedLoop
@@ -349,6 +351,22 @@ def test_moves_that_arrive_together_are_simulated_together(walker: tuple[Experim
     )
     with pytest.raises(SimulationError, match=f"x needs {len(x)} parameters per candidate, got"):
         sampled.run(x[None, :-1])
+
+
+def test_torques_exchanged_within_and_between_limbs(walker: tuple[Experiment, Array]) -> None:
+    job = didim.IDIMLS().job(walker[0])
+    system = job.system(job.parts("fit", job.declared_delay))
+    y = system.y.reshape(6, -1)
+    assert torque_findings(system) == []
+    for i, j in itertools.combinations(range(6), 2):
+        order = list(range(6))
+        order[i], order[j] = j, i
+        (finding,) = torque_findings(replace(system, y=y[order].reshape(-1)))
+        assert (finding.code, finding.joints, finding.facts["ties"]) == (
+            "swapped-torques",
+            (i + 1, j + 1),
+            [],
+        )
 
 
 def test_a_hypothesis_on_a_limb_is_screened_there(walker: tuple[Experiment, Array]) -> None:

@@ -117,9 +117,7 @@ class Search:
         if rows.hopeless and not torn and not any(item.friction for item in found):
             return None
         for family in OF_TORQUES:
-            # An exchange must make both channels smaller in all.
-            items = (item for item in family(rows) if family is not exchanges or self._fell(item) <= 0.0)
-            found += [self._tried(item) for item in items]
+            found += [self._tried(item) for item in family(rows)]
         found += [self._tried(item) for item in self._promising()]
         found = [item for item in found if np.isfinite(item.d)]
         near = sorted((item for item in found if item.d <= SCREEN), key=lambda item: item.d)[:MOST_DECIDED]

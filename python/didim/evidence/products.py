@@ -157,6 +157,23 @@ class Products:
         return squares
 
     @cached_property
+    def alone(self) -> Array:
+        """Squared errors in sample of each channel by the rows of one joint and nothing else, (n, n), joint by channel.
+
+        No fit in which that joint predicts the channel leaves less.
+        """
+        whole, (part_of, parts) = self._in_sample, self.parts
+        y, errors = whole.y[:, 0], np.empty((self.n, self.n))
+        for joint, columns in enumerate(parts[k] for k in part_of):
+            g, h = whole.g[joint, 0][np.ix_(columns, columns)], whole.h[joint, :, 0][:, columns]
+            if self.given is None:
+                beta = np.linalg.solve(_ridged(g), h.T).T
+            else:
+                beta = np.tile((self.given * self.scale)[columns], (self.n, 1))
+            errors[joint] = y - 2.0 * np.sum(h * beta, axis=1) + np.sum(beta @ g * beta, axis=1)
+        return _above_rounding(errors, y)
+
+    @cached_property
     def _in_sample(self) -> Products:
         """The same of all blocks together."""
         if self.y.shape[1] == 1:
@@ -227,7 +244,7 @@ class Part:
         )
         m = len(left)
         spread = np.sqrt((m - 1) / m * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-        return np.maximum(error, LEAST_SHARE * np.maximum(self.y, np.finfo(float).tiny)), beta, spread
+        return _above_rounding(error, self.y), beta, spread
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
@@ -247,12 +264,20 @@ class Part:
         (g, h), s = self._sums, self.s
         sizes = self.y.sum(axis=1)
         error = sizes - 2.0 * s * (h @ beta) + s * s * ((g @ beta) @ beta)
-        return np.asarray(np.maximum(error, LEAST_SHARE * np.maximum(sizes, np.finfo(float).tiny)))
+        return _above_rounding(error, sizes)
 
     def _solved(self, gram: Array, right: Array) -> Array:
         if self.given is not None:
             return np.tile(self.given, (len(right), 1))
-        p = right.shape[1]
-        ridge = RIDGE * np.trace(gram, axis1=1, axis2=2)
-        gram = gram + ridge[:, None, None] * np.eye(p)
-        return np.asarray(np.linalg.solve(gram, right[:, :, None])[:, :, 0])
+        return np.asarray(np.linalg.solve(_ridged(gram), right[:, :, None])[:, :, 0])
+
+
+def _ridged(gram: Array) -> Array:
+    """Return products (..., p, p) that can be solved with."""
+    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)
+    return np.asarray(gram + ridge[..., None, None] * np.eye(gram.shape[-1]))
+
+
+def _above_rounding(error: Array, size: Array) -> Array:
+    """Return squared errors of channels of squared torques `size`, no smaller than rounding."""
+    return np.asarray(np.maximum(error, LEAST_SHARE * np.maximum(size, np.finfo(float).tiny)))

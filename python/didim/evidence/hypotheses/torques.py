@@ -46,8 +46,15 @@ def gains(rows: Declared) -> Iterator[Hypothesis]:
 
 
 def exchanges(rows: Declared) -> Iterator[Hypothesis]:
-    """Return each two torques exchanged."""
+    """Return each two torques exchanged whose errors and those beside them become smaller in all, in sample."""
+    products = rows.products
+    declared, part = products.seen(), products.parts[0]
+    least = np.log(products.alone / declared)
     for i, j in combinations(range(rows.n), 2):
+        others = [c for c in range(rows.n) if c not in (i, j) and part[c] in part[[i, j]]]
+        if least[j, i] + least[i, j] + least[others, others].sum() > 0.0:
+            continue  # whatever parameters they share
         order = list(range(rows.n))
         order[i], order[j] = j, i
-        yield Hypothesis(code="swapped-torques", joints=(i + 1, j + 1), order=tuple(order))
+        if np.sum(np.log(products.seen(order) / declared)) <= 0.0:
+            yield Hypothesis(code="swapped-torques", joints=(i + 1, j + 1), order=tuple(order))
