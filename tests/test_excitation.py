@@ -327,6 +327,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
         ),
         ({"friction": {"dead_zone_rad_s": 1e18}}, "the friction of robot 'planar2' hides Fc1: its dead zone"),
         ({"torque_noise": 1e300}, r"torque_noise needs .* at most 1e\+30, got 1e\+300"),
+        ({"acceleration": 1e-320}, "the information of the motion is beyond floating point"),
         ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
 )

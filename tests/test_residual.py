@@ -14,7 +14,7 @@ import didim
 from arm import arm_file
 from didim import Experiment
 from didim.cli.main import main
-from didim.errors import FitError
+from didim.errors import ExperimentError, FitError
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.studies.loads.detection import contacts, payload_change, shortest_s
 from didim.studies.loads.observer import low_pass, observe
@@ -209,6 +209,13 @@ def test_a_payload_that_is_known_is_part_of_the_model(known: didim.Identificatio
 def test_a_delay_that_is_not_finite_is_one_sentence(known: didim.Identification) -> None:
     with pytest.raises(FitError, match="the delay of the result must be a finite number, got nan"):
         residual_torques(replace(known, delay={"compensated_samples": float("nan")}), clean(1))
+
+
+def test_a_log_that_ends_before_the_observer_settles_is_one_sentence(known: didim.Identification) -> None:
+    with pytest.raises(
+        ExperimentError, match=r"an observer of 0\.01 Hz settles in \d+ s, and the recording has"
+    ):
+        residual_torques(known, clean(1), bandwidth_hz=0.01)
 
 
 def test_the_command_prints_writes_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -95,7 +95,7 @@ def test_a_study_goes_on_where_it_was_interrupted(finished: Path, tmp_path: Path
     seen: list[Progress] = []
     study(SPEC, path, executor="serial", progress=lambda state: seen.append(Progress(**vars(state))))
     assert sorted_lines(path) == sorted_lines(finished)
-    assert (seen[0].found, seen[0].done, seen[-1].done, seen[-1].total) == (5, 6, 14, 14)
+    assert (seen[0].earlier, seen[0].done, seen[-1].done, seen[-1].total) == (5, 6, 14, 14)
     before = path.read_bytes()
     study(SPEC, path, executor="serial", progress=seen.clear)  # type: ignore[arg-type]
     assert path.read_bytes() == before

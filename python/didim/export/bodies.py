@@ -176,9 +176,9 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     values = dict(zip(robot.parameter_names, standard_vector(robot, x).tolist(), strict=True))
     places = robot.correspondence
     n = robot.n_joints
-    links = [place.link for place in places.links] if places else [f"link{j + 1}" for j in range(n)]
+    links = [link.link for link in places.links] if places else [f"link{j + 1}" for j in range(n)]
     joints = robot.all_joint_names or tuple(f"joint{j + 1}" for j in range(n))
-    offsets = [place.matrix for place in places.links] if places else [np.eye(4)] * n
+    offsets = [link.matrix for link in places.links] if places else [np.eye(4)] * n
     geometry = robot.geometry
     bodies, missed = [], []
     base = inverse(places.base_matrix) if places else np.eye(4)
@@ -313,11 +313,11 @@ def lost_friction(
         What the line of each joint misses, see `joint_friction`.
     """
     lined = [term.parameter for term in terms if term.law in SLIDING and values.get(term.parameter)]
-    found = []
+    lost = []
     if lined:
         missed = series((f"{joint} {value:.2g}" for joint, value in joints.items() if value > 0.0), 40)
         fastest, slide = FASTEST.values()
-        found.append(
+        lost.append(
             f"{series(lined, 40)} are a line of viscous and Coulomb friction in the file"
             + (f", off by up to (N.m, N) {missed} below {fastest:g} rad/s ({slide:g} m/s)" if missed else "")
         )
@@ -325,15 +325,15 @@ def lost_friction(
         name for name, value in values.items() if value and not PLACED.fullmatch(name) and name not in lined
     ]
     if others:
-        found.append(f"{', '.join(others)} are left out: no format has a place for such friction and springs")
-    return found
+        lost.append(f"{', '.join(others)} are left out: no format has a place for such friction and springs")
+    return lost
 
 
 def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
-    found = []
+    motors = []
     for m, row in enumerate(np.array(robot.geometry.coupling)):
         if f"Fvm{m + 1}" in values:
-            found.append(
+            motors.append(
                 CoupledMotor(
                     number=m,
                     coefficients=row / row[m],
@@ -342,7 +342,7 @@ def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
                     coulomb=values[f"Fcm{m + 1}"],
                 )
             )
-    return found
+    return motors
 
 
 def _left_out(

@@ -91,7 +91,7 @@ def mjlab(drives: Drives, step_s: float | None = None) -> str:
 
 def bam(drives: Drives) -> str:
     """Return parameters of BAM's model M1 by joint, without the motor constants kt and R."""
-    found = {
+    model = {
         drive.joint: {
             "model": "m1",
             "armature": drive.rotor,
@@ -100,7 +100,7 @@ def bam(drives: Drives) -> str:
         }
         for drive in drives.joints
     }
-    return json.dumps(found, indent=2) + "\n"
+    return json.dumps(model, indent=2) + "\n"
 
 
 def _with_gains(drives: Drives) -> list[JointDrive]:

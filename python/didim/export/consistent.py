@@ -90,9 +90,9 @@ def consistent_parameters(
 def parameters_from_prior(fit: Identification, robot: Robot) -> dict[int, tuple[str, ...]]:
     """Return the inertial parameters of each link (from 0) that a consistent result has from its prior alone."""
     record = fit.settings.get("consistent", {}).get("parameters", ())
-    open_names = {item["name"] for item in record if item["source"] != "identified"}
-    found = {}
+    open_names = {entry["name"] for entry in record if entry["source"] != "identified"}
+    parameters = {}
     for j in range(robot.n_joints):
         names = tuple(f"{key}{j + 1}" for key in INERTIAL)
-        found[j] = tuple(name for name in names if name in open_names)
-    return found
+        parameters[j] = tuple(name for name in names if name in open_names)
+    return parameters

@@ -153,8 +153,8 @@ def drives_of(fit: Identification, where: str) -> Drives:
     if positions.get("soft"):
         smoothing = [0.0] * len(names)
     terms = Friction.terms_of(robot.get("friction", {}).get("terms", ()))
-    found, missed = [], {}
-    names += tuple(item["name"] for item in robot["geometry"].get("followers", ()))
+    drives, missed = [], {}
+    names += tuple(follower["name"] for follower in robot["geometry"].get("followers", ()))
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
         viscous, coulomb, missed[name] = joint_friction(values, j, terms, kind)
         rotor, offset = values[f"Ia{j + 1}"], values.get(f"Off{j + 1}", 0.0)
@@ -174,7 +174,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
             return servo[key][j] if key in servo and j < n else None
 
         creep, rest = of(SOFT[0]), of(SOFT[1])
-        found.append(
+        drives.append(
             JointDrive(
                 joint=name,
                 kind=kind,
@@ -199,25 +199,27 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 },
             )
         )
-    driven, followers = tuple(found[:n]), tuple(found[n:])
+    driven, followers = tuple(drives[:n]), tuple(drives[n:])
     return Drives(driven, (*lost_friction(values, terms, missed), *_sentences(driven)), followers)
 
 
 def _sentences(joints: Sequence[JointDrive]) -> list[str]:
-    found = []
+    sentences = []
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
     if offsets and all(drive.kp for drive in offsets):
-        found.append("offsets have no place in the file: add the last column (mrad or mm) to the commands")
+        sentences.append(
+            "offsets have no place in the file: add the last column (mrad or mm) to the commands"
+        )
     elif offsets:
         names = series(drive.joint for drive in offsets)
-        found.append(f"torque offsets of {names} are left out: no format can represent them")
+        sentences.append(f"torque offsets of {names} are left out: no format can represent them")
     delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
     if delay or lag:
         behind = f", and behind a lag of {1e3 * lag:.3g} ms" if lag else ""
-        found.append(
+        sentences.append(
             f"commands act {1e3 * delay:.4g} ms late{behind}: hold them back by as much in the simulation"
         )
-    return found
+    return sentences
 
 
 def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: bool = False) -> Drives:
@@ -247,7 +249,7 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
     """
     if integrator == "RK4":
         return drives
-    found, largest = [], 0.0
+    shifted, largest = [], 0.0
     for drive in drives.joints:
         sign = 1.0 if integrator in IMPLICIT and not explicit_kv else -1.0
         shift = HALF * step_s * (drive.viscous + sign * (drive.kv or 0.0))
@@ -263,24 +265,24 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
                 "take a shorter step"
             )
         largest = max(largest, abs(shift) / drive.rotor if drive.rotor else 0.0)
-        found.append(replace(drive, rotor=drive.rotor - shift, delay_s=drive.delay_s + HALF * step_s))
+        shifted.append(replace(drive, rotor=drive.rotor - shift, delay_s=drive.delay_s + HALF * step_s))
     damping = "(Fv + kv)" if integrator in IMPLICIT and not explicit_kv else "(Fv - kv)"
     sentence = (
         f"for steps of {1e3 * step_s:g} ms with {integrator}: armature less h {damping} / 2, by {100.0 * largest:.2g} % at most; "
-        f"commands act {1e3 * HALF * step_s:g} ms early, so hold them back by {1e3 * found[0].delay_s:.4g} ms in all"
+        f"commands act {1e3 * HALF * step_s:g} ms early, so hold them back by {1e3 * shifted[0].delay_s:.4g} ms in all"
     )
-    if found[0].kp is not None:
-        extra = max((drive.kp or 0.0) * HALF * step_s for drive in found)
+    if shifted[0].kp is not None:
+        extra = max((drive.kp or 0.0) * HALF * step_s for drive in shifted)
         sentence += f" (or add h kp / 2, up to {extra:.3g}, to kv for slow motion)"
     if any(drive.per_step for drive in drives.joints):
         sentence += "; other values change too, as the armature does not while servos saturate"
-    return Drives(tuple(found), (*drives.sentences, sentence), drives.followers)
+    return Drives(tuple(shifted), (*drives.sentences, sentence), drives.followers)
 
 
 def read_drives(path: Path) -> Drives:
     """Return the drives of a result's file, with sentences of its verdict; errors as of `drives_of`."""
     fit = Identification.load(path)
-    found = drives_of(fit, path.name)
+    drives = drives_of(fit, path.name)
     if fit.verdict.sound:
-        return found
-    return replace(found, sentences=(f"{path.name}: {fit.verdict.sentence}", *found.sentences))
+        return drives
+    return replace(drives, sentences=(f"{path.name}: {fit.verdict.sentence}", *drives.sentences))

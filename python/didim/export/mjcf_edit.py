@@ -61,44 +61,44 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
         When the file cannot be read.
     """
     data = read_small_file(path, FitError)
-    found = drive_elements(data, path)
+    elements = drive_elements(data, path)
     for drive in (*drives.joints, *drives.followers):
-        if drive.joint not in found.joints:
+        if drive.joint not in elements.joints:
             raise FitError(
-                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, found.joints)}"
+                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, elements.joints)}"
             )
-        if drive.joint not in found.elements:
+        if drive.joint not in elements.elements:
             raise FitError(f"{path.name}: joint {drive.joint!r} is in an included file; export into that one")
     motors = [
         drive.joint
         for drive in drives.joints
         if drive.kp is not None
-        and (drive.joint not in found.settings or not found.settings[drive.joint][1].is_position)
+        and (drive.joint not in elements.settings or not elements.settings[drive.joint][1].is_position)
     ]
     if step_s is not None:
-        drives = for_step(drives, step_s, found.integrator, explicit_kv=bool(motors))
+        drives = for_step(drives, step_s, elements.integrator, explicit_kv=bool(motors))
     sentences = list(drives.sentences)
     if motors:
         sentences.append(
             f"{listing(motors)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
         )
-    sentences += softness(drives, path, found, step_s or 0.0)
+    sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
     for drive in (*drives.joints, *drives.followers):
-        edits += _joint_edits(data, found, drive)
-        if drive.joint in found.settings and drive.kp is not None:
-            edits += _actuator_edits(data, found, drive)
+        edits += _joint_edits(data, elements, drive)
+        if drive.joint in elements.settings and drive.kp is not None:
+            edits += _actuator_edits(data, elements, drive)
     return edited(data, edits), replace(drives, sentences=tuple(sentences))
 
 
-def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
-    old = found.joints[drive.joint]
+def _joint_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> list[Edit]:
+    old = elements.joints[drive.joint]
     values = {"armature": (old.armature, drive.rotor), "damping": (old.damping, drive.viscous)}
     values |= {"frictionloss": (old.friction, drive.coulomb), "stiffness": (old.stiffness, drive.stiffness)}
     if drive.stiffness:
         turns = old.kind == "revolute"
-        values["springref"] = (found.written(old.rest, turns), found.written(drive.rest, turns))
-    element = found.elements[drive.joint]
+        values["springref"] = (elements.written(old.rest, turns), elements.written(drive.rest, turns))
+    element = elements.elements[drive.joint]
     edits = [
         attribute_edit(data, element, key, number(new))
         for key, (before, new) in values.items()
@@ -115,11 +115,11 @@ def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[E
     return edits
 
 
-def _actuator_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
-    element, setting = found.settings[drive.joint]
+def _actuator_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> list[Edit]:
+    element, setting = elements.settings[drive.joint]
     if not setting.is_position or drive.kp is None:
         return []
-    old = found.actuators[drive.joint]
+    old = elements.actuators[drive.joint]
     kp, kv = drive.kp / setting.gear**2, (drive.kv or 0.0) / setting.gear**2
     edits = []
     same_kp, same_kv = _same(old.kp or 0.0, drive.kp), _same(old.kv or 0.0, drive.kv or 0.0)
@@ -145,7 +145,7 @@ def _same(before: float, new: float) -> bool:
     return abs(before - new) <= SAME * max(abs(before), abs(new))
 
 
-def softness(drives: Drives, path: Path, found: DriveElements, step_s: float) -> list[str]:
+def softness(drives: Drives, path: Path, elements: DriveElements, step_s: float) -> list[str]:
     """Return a sentence that compares the speed below which MuJoCo's friction loss is viscous with the result's smoothing.
 
     ``frictionloss`` is a soft constraint: below ``Fc A (1 - d) / d dmax timeconst / 2``, A the joint's own entry of the inverse
@@ -157,7 +157,7 @@ def softness(drives: Drives, path: Path, found: DriveElements, step_s: float) ->
     inverse = _inverse_inertia(robot, drives)
     speeds = []
     for drive in drives.joints:
-        creep, rest = drive.softness or found.joints[drive.joint].softness
+        creep, rest = drive.softness or elements.joints[drive.joint].softness
         creep *= max(1.0, LARGEST_IMPEDANCE * step_s / rest)
         speeds.append(drive.coulomb * inverse.get(drive.joint, 0.0) * creep)
     if not any(speeds):

@@ -86,11 +86,11 @@ def no_drives(model: ExportModel, format_name: str) -> list[str]:
 
 def _link(link: LinkBody, frame: Array) -> list[str]:
     mass, centre, inertia = central(link.pseudo)
-    place = numbers([*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
+    pose = numbers([*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
     entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     return [
         f"    <link name={quoteattr(link.link)}>",
-        f"      <pose>{place}</pose>",
+        f"      <pose>{pose}</pose>",
         "      <inertial>",
         f"        <pose>{numbers([*centre, 0.0, 0.0, 0.0])}</pose>",
         f"        <mass>{number(mass)}</mass>",

@@ -94,13 +94,13 @@ def exported_parameters(
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
     if prior is None and _are_bodies(model, x):
         return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
-    found = consistent_parameters(result, model, prior)
-    x, _ = _by_name(result, found.x, model, fit)
+    chosen = consistent_parameters(result, model, prior)
+    x, _ = _by_name(result, chosen.x, model, fit)
     notes.append(
-        f"physically consistent parameters near the prior {found.prior!r}: {found.sigmas:.2g} standard deviations rms from the "
+        f"physically consistent parameters near the prior {chosen.prior!r}: {chosen.sigmas:.2g} standard deviations rms from the "
         "estimate"
     )
-    return Source(model, x, (*model.notes, *notes), found.from_prior)
+    return Source(model, x, (*model.notes, *notes), chosen.from_prior)
 
 
 def _are_bodies(robot: Robot, x: Array) -> bool:
@@ -134,12 +134,12 @@ def _as_fitted(robot: Robot, fit: Identification) -> Robot:
 
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
     """Return the robot of a result."""
-    found = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
+    robot_of_fit = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
     used = fit.settings.get("robot", {}).get("friction", {})
     options = {key: used[key] for key in ("model", "coulomb", "coupling") if key in used}
     if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters
         options["coulomb"] = "sign"
-    return found.with_friction(**options)
+    return robot_of_fit.with_friction(**options)
 
 
 def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[Array, list[str]]:
@@ -171,9 +171,9 @@ def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
             file = folder / name
             if not file.is_file():
                 continue
-            found = load_robot(file)
-            if found.digest == fit.digests[f"robot {name}"]:
-                return found
+            candidate = load_robot(file)
+            if candidate.digest == fit.digests[f"robot {name}"]:
+                return candidate
             other = file
     if other is not None:
         raise FitError(

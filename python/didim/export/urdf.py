@@ -143,11 +143,11 @@ def edits(
 
 def edited(data: bytes, changes: Iterable[Edit]) -> bytes:
     """Return a file with changes that do not overlap."""
-    parts, place = [], 0
+    parts, start = [], 0
     for change in sorted(changes, key=lambda change: (change.start, change.end)):
-        parts += [data[place : change.start], change.text]
-        place = change.end
-    return b"".join([*parts, data[place:]])
+        parts += [data[start : change.start], change.text]
+        start = change.end
+    return b"".join([*parts, data[start:]])
 
 
 def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit:
@@ -187,7 +187,7 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
     data = read_small_file(path, FitError)
     read_description(data, path.name)
     newline = b"\r\n" if b"\r\n" in data else b"\n"
-    joints = {str(item.attributes.get("name")): item for item in parse_xml(data, path.name).all("joint")}
+    joints = {str(joint.attributes.get("name")): joint for joint in parse_xml(data, path.name).all("joint")}
     changes: list[Edit] = []
     for drive in (*drives.joints, *drives.followers):
         if drive.joint not in joints:
@@ -233,8 +233,8 @@ def attribute_edit(data: bytes, element: Element, key: str, value: str) -> Edit:
     match = old.search(data, element.start, element.opened)
     if match:
         return Edit(match.start(), match.end(), text)
-    place = element.start + len(f"<{element.tag}")
-    return Edit(place, place, b" " + text)
+    at = element.start + len(f"<{element.tag}")
+    return Edit(at, at, b" " + text)
 
 
 def _indent(data: bytes, start: int) -> bytes:

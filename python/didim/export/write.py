@@ -79,9 +79,9 @@ def _of_description(robot: Robot) -> list[Array | None]:
     if places is None or URDF_SET not in robot.sets:
         return [None] * robot.n_dof
     values = dict(zip(robot.parameter_names, robot.sets[URDF_SET], strict=True))
-    found: list[Array | None] = []
-    for j, place in enumerate(places.links):
-        inside = inverse(place.matrix)
+    bodies: list[Array | None] = []
+    for j, link in enumerate(places.links):
+        inside = inverse(link.matrix)
         ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
-        found.append(inside @ pseudo_inertia(ten) @ inside.T)
-    return found
+        bodies.append(inside @ pseudo_inertia(ten) @ inside.T)
+    return bodies

@@ -91,11 +91,11 @@ class _Run:
             while self._alone and not self._running:
                 self._submit(*self._alone.popleft())
             while not self._alone and len(self._running) < self._window:
-                item = self._again.popleft() if self._again else next(numbered, None)
-                if item is None:
+                numbered_task = self._again.popleft() if self._again else next(numbered, None)
+                if numbered_task is None:
                     exhausted = True
                     break
-                self._submit(*item)
+                self._submit(*numbered_task)
             while self._outcomes:
                 yield self._outcomes.popleft()
             if self._running:
@@ -133,12 +133,12 @@ class _Run:
             self._results += 1
             self._outcomes.append((task, result, None))
 
-    def _lost(self, number: int, task: Any, reason: BaseException, place: deque[tuple[int, Any]]) -> None:
+    def _lost(self, number: int, task: Any, reason: BaseException, waiting: deque[tuple[int, Any]]) -> None:
         """Repeat a task whose worker is lost, up to `ATTEMPTS` times."""
         self._attempts[number] += 1
         text = self._count_loss(reason)
         if self._attempts[number] < ATTEMPTS:
-            place.append((number, task))
+            waiting.append((number, task))
         else:
             self._outcomes.append((task, None, f"its worker was lost {ATTEMPTS} times: {text}"))
 

@@ -186,8 +186,8 @@ def _die_with(sentinel: int) -> None:
 def _cores() -> int:
     """Count the processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
-        mine: set[int] = os.sched_getaffinity(0)
-        return len(mine)
+        allowed: set[int] = os.sched_getaffinity(0)
+        return len(allowed)
     return os.cpu_count() or 1
 
 

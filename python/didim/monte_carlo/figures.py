@@ -186,8 +186,8 @@ def _rms(z: Array) -> Estimate:
     if len(z) < 2:
         return Estimate(value)
     weights = _resampled(len(z))
-    found = np.sqrt(weights @ squares / (weights @ counts))
-    low, high = np.quantile(found, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    root = np.sqrt(weights @ squares / (weights @ counts))
+    low, high = np.quantile(root, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return Estimate(value, float(low), float(high))
 
 

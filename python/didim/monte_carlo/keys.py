@@ -49,7 +49,7 @@ def parts_of(keys: Keys) -> Parts:
     StudyError
         For a key without a table, or ``truth.`` in front of a key that changes nothing of a simulated log.
     """
-    found = Parts()
+    parts = Parts()
     for key, value in keys.items():
         side, inner = "", key
         for prefix in ("truth.", "model."):
@@ -65,21 +65,21 @@ def parts_of(keys: Keys) -> Parts:
                 raise StudyError(
                     f"key {key!r}: methods have settings on their own side only; leave out {side!r}"
                 )
-            found.method[rest] = value
+            parts.method[rest] = value
             continue
         if root in PROCESSING and side == "truth.":
             raise StudyError(f"key {key!r}: [{root}] does not change a simulated log; leave out 'truth.'")
         if root == "measurement" and side == "model.":
             raise StudyError(f"key {key!r}: methods do not use the noise of a log; omit 'model.'")
         if side != "model." and root not in PROCESSING:
-            _put(found.truth_robot if root == "robot" else found.truth, root, inner, value)
+            _put(parts.truth_robot if root == "robot" else parts.truth, root, inner, value)
         if side != "truth.":
-            _put(found.model_robot if root == "robot" else found.model, root, inner, value)
-    return found
+            _put(parts.model_robot if root == "robot" else parts.model, root, inner, value)
+    return parts
 
 
-def _put(place: dict[str, Any], root: str, key: str, value: object) -> None:
-    place[key.removeprefix("robot.") if root == "robot" else key] = value
+def _put(tree: dict[str, Any], root: str, key: str, value: object) -> None:
+    tree[key.removeprefix("robot.") if root == "robot" else key] = value
 
 
 def changed(content: Mapping[str, Any], keys: Keys, what: str) -> dict[str, Any]:
@@ -103,34 +103,34 @@ def changed(content: Mapping[str, Any], keys: Keys, what: str) -> dict[str, Any]
     """
     made: dict[str, Any] = copy.deepcopy(dict(content))
     for key, value in keys.items():
-        *way, last = key.split(".")
-        place: Any = made
-        for step in way:
-            place = _enter(place, step, key, what)
+        *steps, last = key.split(".")
+        node: Any = made
+        for step in steps:
+            node = _enter(node, step, key, what)
         if isinstance(value, Mapping) and set(value) == {"times"}:
-            value = _times(_enter(place, last, key, what, make=False), value["times"], key, what)
-        if isinstance(place, list):
-            place[_index(place, last, key, what)] = copy.deepcopy(value)
+            value = _times(_enter(node, last, key, what, make=False), value["times"], key, what)
+        if isinstance(node, list):
+            node[_index(node, last, key, what)] = copy.deepcopy(value)
         else:
-            place[last] = copy.deepcopy(value)
+            node[last] = copy.deepcopy(value)
     return made
 
 
-def _enter(place: Any, step: str, key: str, what: str, *, make: bool = True) -> Any:
-    if isinstance(place, list):
-        found = place[_index(place, step, key, what)]
+def _enter(node: Any, step: str, key: str, what: str, *, make: bool = True) -> Any:
+    if isinstance(node, list):
+        child = node[_index(node, step, key, what)]
     else:
-        if step not in place and not make:
+        if step not in node and not make:
             raise StudyError(f"{what} has no {key!r} to multiply: give its value")
-        found = place.setdefault(step, {})
-    if make and not isinstance(found, dict | list):
+        child = node.setdefault(step, {})
+    if make and not isinstance(child, dict | list):
         raise StudyError(f"key {key!r}: {step!r} is a value in {what}, and not a table")
-    return found
+    return child
 
 
-def _index(place: list[Any], step: str, key: str, what: str) -> int:
-    if not step.isdecimal() or not 1 <= int(step) <= len(place):
-        raise StudyError(f"key {key!r}: {step!r} must be a place from 1 to {len(place)} in a list of {what}")
+def _index(node: list[Any], step: str, key: str, what: str) -> int:
+    if not step.isdecimal() or not 1 <= int(step) <= len(node):
+        raise StudyError(f"key {key!r}: {step!r} must be a place from 1 to {len(node)} in a list of {what}")
     return int(step) - 1
 
 
@@ -139,8 +139,8 @@ def _times(value: Any, factor: Any, key: str, what: str) -> Any:
         factors = factor if isinstance(factor, list) else [factor] * len(value)
         if len(factors) != len(value):
             raise StudyError(f"key {key!r}: {len(factors)} factors for {len(value)} numbers of {what}")
-        return [_times(item, by, key, what) for item, by in zip(value, factors, strict=True)]
-    if any(isinstance(item, bool) or not isinstance(item, int | float) for item in (value, factor)):
+        return [_times(part, by, key, what) for part, by in zip(value, factors, strict=True)]
+    if any(isinstance(part, bool) or not isinstance(part, int | float) for part in (value, factor)):
         raise StudyError(
             f"key {key!r}: times multiplies a number of {what} by a number, not {value!r} by {factor!r}"
         )

@@ -157,9 +157,9 @@ def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> 
         When the files are not consistent with the scenario.
     """
     parts = parts_of(keys)
-    mine = parts_of({f"model.{key}": value for key, value in own.items()})
-    robot = _robot(shared, {**parts.model_robot, **mine.model_robot})
-    experiment = _experiment(shared, {**parts.model, **mine.model}, robot)
+    model_parts = parts_of({f"model.{key}": value for key, value in own.items()})
+    robot = _robot(shared, {**parts.model_robot, **model_parts.model_robot})
+    experiment = _experiment(shared, {**parts.model, **model_parts.model}, robot)
     experiment = replace(experiment, robot=experiment.simulated_robot)
     base = experiment.robot.base_parameters
     return Model(

@@ -40,7 +40,7 @@ def method_of(
     """
     made = method_class(name)
     options = dict(settings)
-    known = [item.name for item in fields(made) if item.init] if is_dataclass(made) else list(options)
+    known = [option.name for option in fields(made) if option.init] if is_dataclass(made) else list(options)
     for key in options:
         if key in OBJECTS:
             raise StudyError(

@@ -48,8 +48,8 @@ class StudyResults(Printed):
     @classmethod
     def of(cls, spec: StudySpec, rows: Rows) -> StudyResults:
         """Return the rows of a study."""
-        scenarios = tuple(item.name for item in spec.scenarios)
-        return cls(spec.name, rows, scenarios, tuple(item.label for item in spec.methods))
+        scenarios = tuple(scenario.name for scenario in spec.scenarios)
+        return cls(spec.name, rows, scenarios, tuple(scenario.label for scenario in spec.methods))
 
     @classmethod
     def read(cls, *paths: str | Path, appended: bool = False) -> StudyResults:
@@ -93,7 +93,7 @@ class StudyResults(Printed):
     def figures(self) -> tuple[Figures, ...]:
         """Return the figures of merit of every method on every scenario with rows."""
         times = self.rows.times
-        found = []
+        figures = []
         for scenario in self.scenarios:
             truth = self.rows.truths.get(scenario)
             for method in self.methods:
@@ -102,21 +102,21 @@ class StudyResults(Printed):
                     continue
                 seconds = [times[row["id"]]["seconds"] for row in rows if row["id"] in times]
                 values = truth.get("truth", [])
-                found.append(figures_of(scenario, method, rows, values, seconds))
-        return tuple(found)
+                figures.append(figures_of(scenario, method, rows, values, seconds))
+        return tuple(figures)
 
     def columns(self) -> dict[str, list[str | int | float]]:
         """Return the figures as columns; an estimate has three, for value, lower and upper end."""
-        found: dict[str, list[str | int | float]] = defaultdict(list)
-        for item in self.figures:
-            for key in (field.name for field in fields(item)):
-                value = getattr(item, key)
+        columns: dict[str, list[str | int | float]] = defaultdict(list)
+        for figures in self.figures:
+            for key in (field.name for field in fields(figures)):
+                value = getattr(figures, key)
                 if isinstance(value, Estimate):
                     for end in ("value", "low", "high"):
-                        found[key if end == "value" else f"{key}_{end}"].append(getattr(value, end))
+                        columns[key if end == "value" else f"{key}_{end}"].append(getattr(value, end))
                 else:
-                    found[key].append(value)
-        return dict(found)
+                    columns[key].append(value)
+        return dict(columns)
 
     def write_parquet(self, path: str | Path) -> None:
         """Write the figures as a Parquet file.
@@ -150,10 +150,10 @@ class StudyResults(Printed):
 
     @cached_property
     def _pairs(self) -> Mapping[tuple[str, str], list[Row]]:
-        found: dict[tuple[str, str], list[Row]] = defaultdict(list)
+        pairs: dict[tuple[str, str], list[Row]] = defaultdict(list)
         for row in _by_seed(self.rows.fits.values()):
-            found[row["scenario"], row["method"]].append(row)
-        return found
+            pairs[row["scenario"], row["method"]].append(row)
+        return pairs
 
 
 def _natural(name: str) -> list[str | float]:

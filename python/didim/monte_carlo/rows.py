@@ -183,9 +183,9 @@ def _places(lines: list[int]) -> str:
     return f"lines {', '.join(map(str, lines[:3]))}{more} are"
 
 
-def _sorted(found: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
+def _sorted(rows: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
     # Workers finish in any order; the order of the ids is reproducible.
-    ordered = [found[key] for key in sorted(found)]
+    ordered = [rows[key] for key in sorted(rows)]
     return Rows(
         fits={row["id"]: row for row in ordered if row["method"] is not None},
         truths={row["scenario"]: row for row in ordered if row["status"] == TRUTH},
@@ -231,7 +231,7 @@ def _is_whole(value: object) -> bool:
 
 
 def _is_list(value: object) -> bool:
-    return isinstance(value, list) and all(item is None or _is_number(item) for item in value)
+    return isinstance(value, list) and all(entry is None or _is_number(entry) for entry in value)
 
 
 KINDS: dict[str, Callable[[object], bool]] = {
@@ -410,9 +410,9 @@ def _cut_unfinished(file: int) -> None:
     while end > 0:
         begin = max(0, end - 65536)
         os.lseek(file, begin, os.SEEK_SET)
-        place = os.read(file, end - begin).rfind(b"\n")
-        if place >= 0:
-            end = begin + place + 1
+        end_of_line = os.read(file, end - begin).rfind(b"\n")
+        if end_of_line >= 0:
+            end = begin + end_of_line + 1
             break
         end = begin
     if end < size:

@@ -205,9 +205,9 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         root=root,
         folders=folders,
         sources={
-            place: source
-            for place in sorted(set(places([experiment, robot, content])))
-            if (source := source_digest(place))
+            file: source
+            for file in sorted(set(places([experiment, robot, content])))
+            if (source := source_digest(file))
         },
     )
     table.done()
@@ -230,8 +230,8 @@ def _experiment(name: str, path: Path) -> tuple[dict[str, Any], Path]:
 
 
 def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:
-    place = robot_place(name, experiment.parent)
-    where = ROBOTS / f"{place}.toml" if isinstance(place, str) else place
+    file = robot_place(name, experiment.parent)
+    where = ROBOTS / f"{file}.toml" if isinstance(file, str) else file
     if where.suffix.lower() == ".urdf":
         raise StudyError(
             f"{where.name}: a study needs a robot file; write one with `didim robot {where.name} -o {where.stem}.toml`"
@@ -268,7 +268,7 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
             f"[grid] makes {count * max(1, len(named))} scenarios; at most {MOST_SCENARIOS} are possible"
         )
     shown = [key for key, values in axes.items() if len(values) > 1]
-    found = []
+    scenarios = []
     for name, keys in named or [("", {})]:
         both = sorted(set(keys) & set(axes))
         if both:
@@ -277,9 +277,14 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
             chosen = dict(zip(axes, values, strict=True))
             varied = ", ".join(f"{key} = {_short(chosen[key])}" for key in shown)
             title = ", ".join(text for text in (name, varied) if text) or "as the files are"
-            found.append(Scenario(name=title, keys={**keys, **chosen}))
-    _distinct(table, "scenario", [item.name for item in found], [canonical(item.keys) for item in found])
-    return tuple(found)
+            scenarios.append(Scenario(name=title, keys={**keys, **chosen}))
+    _distinct(
+        table,
+        "scenario",
+        [scenario.name for scenario in scenarios],
+        [canonical(scenario.keys) for scenario in scenarios],
+    )
+    return tuple(scenarios)
 
 
 def _short(value: object) -> str:
@@ -292,21 +297,23 @@ def _methods(table: Table) -> tuple[MethodSpec, ...]:
         given = [given]
     if not isinstance(given, Sequence) or not given:
         table.fail("method must be a list of methods: names, or tables with a name and settings")
-    found = [_method(table, item) for item in given]
+    methods = [_method(table, method) for method in given]
     _distinct(
         table,
         "method",
-        [item.label for item in found],
-        [canonical([item.name, dict(item.settings), dict(item.keys)]) for item in found],
+        [method.label for method in methods],
+        [canonical([method.name, dict(method.settings), dict(method.keys)]) for method in methods],
     )
-    return tuple(found)
+    return tuple(methods)
 
 
-def _method(table: Table, item: object) -> MethodSpec:
-    settings = {"name": item} if isinstance(item, str) else dict(item) if isinstance(item, Mapping) else {}
+def _method(table: Table, entry: object) -> MethodSpec:
+    settings = (
+        {"name": entry} if isinstance(entry, str) else dict(entry) if isinstance(entry, Mapping) else {}
+    )
     name = settings.pop("name", None)
     if not isinstance(name, str):
-        table.fail(f"a method must be a name, or a table with a name, got {item!r}")
+        table.fail(f"a method must be a name, or a table with a name, got {entry!r}")
     label, seeds = settings.pop("label", None), settings.pop("seeds", None)
     keys = {key: settings.pop(key) for key in list(settings) if "." in key}
     if label is None:

@@ -31,7 +31,7 @@ class Progress:
     ----------
     total, done : int
         Number of tasks, and of tasks with a row.
-    found : int
+    earlier : int
         Number of rows from earlier runs.
     failed, lost : int
         Number of rows with errors, and of tasks whose workers died.
@@ -41,17 +41,17 @@ class Progress:
 
     total: int
     done: int = 0
-    found: int = 0
+    earlier: int = 0
     failed: int = 0
     lost: int = 0
     seconds: float = 0.0
 
     def __str__(self) -> str:
         """Return one line with the remaining time."""
-        rate = (self.done - self.found) / max(self.seconds, 1e-9)
+        rate = (self.done - self.earlier) / max(self.seconds, 1e-9)
         left = (self.total - self.done) / max(rate, 1e-9)
-        found = f", {self.found} from before" if self.found else ""
-        return f"{self.done} of {self.total} rows{found}, {self.failed} failed, {rate:.3g} rows a second, {left:.0f} s left"
+        earlier = f", {self.earlier} from before" if self.earlier else ""
+        return f"{self.done} of {self.total} rows{earlier}, {self.failed} failed, {rate:.3g} rows a second, {left:.0f} s left"
 
 
 def study(
@@ -108,14 +108,14 @@ def study(
     check_study(spec)
     with ExitStack() as stack:
         if output is None:
-            place, store, times = None, None, None
+            path, store, times = None, None, None
             known = Rows()
         else:
-            place = Path(output)
-            store = stack.enter_context(RowFile(place))
-            times = stack.enter_context(RowFile(times_path(place)))
-            known = read_rows(place, appended=True)
-            _require_own(spec, known, place)
+            path = Path(output)
+            store = stack.enter_context(RowFile(path))
+            times = stack.enter_context(RowFile(times_path(path)))
+            known = read_rows(path, appended=True)
+            _require_own(spec, known, path)
         lines: list[tuple[str, str | None]] = []
         state = Progress(total=count(spec))
         line = ProgressLine() if verbose is not False else None
@@ -137,7 +137,7 @@ def study(
                 line.show(f"study: {state}")
             if progress is not None:
                 progress(state)
-        rows = rows_of(lines) if place is None else read_rows(place, appended=True)
+        rows = rows_of(lines) if path is None else read_rows(path, appended=True)
     return StudyResults.of(spec, rows)
 
 
@@ -158,7 +158,7 @@ def _run(
             if task["id"] not in done:
                 yield task
 
-    state.found = state.done = sum(task["id"] in done for task in tasks(spec))
+    state.earlier = state.done = sum(task["id"] in done for task in tasks(spec))
     if state.done == state.total:
         return
     with pool(executor, workers, address) as some:
@@ -166,12 +166,12 @@ def _run(
             yield lost_row(task, sentence or "") if result is None else result
 
 
-def _require_own(spec: StudySpec, known: Rows, place: Path) -> None:
+def _require_own(spec: StudySpec, known: Rows, path: Path) -> None:
     """Refuse a file in which no row belongs to the study, before rows of both are mixed."""
     ids = {row["id"] for rows in (known.fits, known.truths, known.untrue) for row in rows.values()}
     if ids and not any(task["id"] in ids for task in tasks(spec)):
         raise StudyError(
-            f"{place}: its rows are of another study, or of another version of didim; give -o another file"
+            f"{path}: its rows are of another study, or of another version of didim; give -o another file"
         )
 
 

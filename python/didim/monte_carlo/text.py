@@ -38,45 +38,45 @@ def columns_named(names: Sequence[str]) -> tuple[str, ...]:
 
 def study_lines(name: str, figures: Sequence[Figures], missing: str, head: Sequence[str] = HEAD) -> list[str]:
     """Lines of the whole text: one table for each scenario, with the columns of `head`."""
-    runs, failed = (sum(getattr(item, key) for item in figures) for key in ("runs", "failed"))
+    runs, failed = (sum(getattr(row, key) for row in figures) for key in ("runs", "failed"))
     lines = [f"{name}: {counted(runs, 'run')}, {failed} failed", ""]
-    for scenario in dict.fromkeys(item.scenario for item in figures):
-        rows = [head, *(cells(item, head) for item in figures if item.scenario == scenario)]
+    for scenario in dict.fromkeys(row.scenario for row in figures):
+        rows = [head, *(cells(row, head) for row in figures if row.scenario == scenario)]
         lines += [scenario, *(f"  {line}" for line in columned(rows)), ""]
     return [*lines, *([missing] if missing else []), *NOTES]
 
 
-def cells(item: Figures, head: Sequence[str] = HEAD) -> tuple[str, ...]:
+def cells(figures: Figures, head: Sequence[str] = HEAD) -> tuple[str, ...]:
     """Cells of one row, in the columns of `head`."""
     row = (
-        item.method,
-        str(item.runs),
-        str(item.failed),
-        str(item.not_converged),
-        estimate(item.bias),
-        estimate(item.rms),
-        estimate(item.coverage, 100.0, 1),
-        estimate(item.torque_error, 100.0),
-        number(100.0 * item.torque_error_q95),
-        estimate(item.parameter_error, 100.0),
-        number(100.0 * item.mean_error),
-        number(item.simulations),
-        number(item.seconds),
+        figures.method,
+        str(figures.runs),
+        str(figures.failed),
+        str(figures.not_converged),
+        estimate(figures.bias),
+        estimate(figures.rms),
+        estimate(figures.coverage, 100.0, 1),
+        estimate(figures.torque_error, 100.0),
+        number(100.0 * figures.torque_error_q95),
+        estimate(figures.parameter_error, 100.0),
+        number(100.0 * figures.mean_error),
+        number(figures.simulations),
+        number(figures.seconds),
     )
     shown = dict(zip(HEAD, row, strict=True))
     return tuple(shown[heading] for heading in head)
 
 
-def estimate(found: Estimate, factor: float = 1.0, decimals: int | None = None) -> str:
+def estimate(result: Estimate, factor: float = 1.0, decimals: int | None = None) -> str:
     """Return a figure with its interval."""
 
     def shown(value: float) -> str:
         value *= factor
         return number(value) if decimals is None or not math.isfinite(value) else f"{value:.{decimals}f}"
 
-    if math.isnan(found.low):
-        return shown(found.value)
-    return f"{shown(found.value)} [{shown(found.low)}, {shown(found.high)}]"
+    if math.isnan(result.low):
+        return shown(result.value)
+    return f"{shown(result.value)} [{shown(result.low)}, {shown(result.high)}]"
 
 
 def number(value: float) -> str:

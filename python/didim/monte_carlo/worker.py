@@ -59,8 +59,8 @@ class _Kept:
                 while len(self._made) > self._most:
                     self._made.popitem(last=False)
             self._made.move_to_end(key)
-            found: _Made = self._made[key]
-            return found
+            made: _Made = self._made[key]
+            return made
 
 
 _STUDIES, _TRUTHS, _LOGS, _MODELS = _Kept(2), _Kept(KEPT_SCENARIOS), _Kept(4), _Kept(4 * KEPT_SCENARIOS)
@@ -151,11 +151,11 @@ def _shared(task: Task) -> dict[str, Any]:
     def read() -> dict[str, Any]:
         shared: dict[str, Any] = json.loads(zlib.decompress(task["shared"]))
         search(map(Path, task["folders"]))
-        for place, source in shared.get("sources", {}).items():
-            loaded(place, "method or law", StudyError)
-            if source_digest(place) != source:
+        for path, source in shared.get("sources", {}).items():
+            loaded(path, "method or law", StudyError)
+            if source_digest(path) != source:
                 raise StudyError(
-                    f"{place} is another one on the worker {platform.node()}: put the same file on all workers"
+                    f"{path} is another one on the worker {platform.node()}: put the same file on all workers"
                 )
         return shared
 
@@ -166,10 +166,10 @@ def _truth(task: Task, shared: dict[str, Any]) -> Truth:
     keys = task["scenario"]["keys"]
 
     def make() -> Truth:
-        found = truth_of(shared, keys)
-        if found.noise_in_loop_hz is None:
-            found.clean  # noqa: B018 - one thread simulates it here
-        return found
+        truth = truth_of(shared, keys)
+        if truth.noise_in_loop_hz is None:
+            truth.clean  # noqa: B018 - one thread simulates it here
+        return truth
 
     return _TRUTHS.get((task["digest"], _key(keys)), make)
 
@@ -200,8 +200,8 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
     """Row of an identification."""
     shared, keys, asked, seed = _shared(task), task["scenario"]["keys"], task["method"], task["seed"]
     truth = _truth(task, shared)
-    place = (task["digest"], _key(keys), _key(asked["keys"]))
-    model = _MODELS.get(place, lambda: model_of(shared, keys, asked["keys"], truth))
+    where = (task["digest"], _key(keys), _key(asked["keys"]))
+    model = _MODELS.get(where, lambda: model_of(shared, keys, asked["keys"], truth))
     noisy = _LOGS.get((task["digest"], truth.key, seed), lambda: truth.noisy(seed))
     method = method_of(asked["name"], {**asked["settings"], **model.method}, truth.starts(seed, model))
     log = replace(model.experiment, recordings=noisy.recordings)

@@ -132,9 +132,9 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
     figure = new_figure(3.1)
     axes = figure.subplots(1, 2)
     for (name, fit), color, marker in zip(several.items(), CYCLE, MARKERS, strict=False):
-        number = [item.iteration for item in fit.history]
+        number = [iteration.iteration for iteration in fit.history]
         for ax, key in zip(axes, ("relative_error", "step"), strict=True):
-            values = np.array([100.0 * getattr(item, key) for item in fit.history])
+            values = np.array([100.0 * getattr(iteration, key) for iteration in fit.history])
             # A logarithmic axis has no zero.
             values[~(values > 0.0)] = np.nan
             many = len(number) > 30
@@ -235,7 +235,7 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
         ax.axvline(0.0, color="#3a424d", linewidth=0.8)
         shade_rows(ax, len(rows))
         for good, color, face in ((True, GOOD, GOOD), (False, RESIDUAL, "white")):
-            places = [place for place, k in enumerate(rows) if bool(well[k]) is good]
+            places = [row for row, k in enumerate(rows) if bool(well[k]) is good]
             if not places:
                 continue
             middle, reach_of = value[rows][places], half[rows][places]
@@ -251,7 +251,7 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
         ax.grid(axis="y", visible=False)
     handles: dict[str, Any] = {}
     for ax, _ in columns:
-        handles |= {str(item.get_label()): item for item in ax.get_legend_handles_labels()[0]}
+        handles |= {str(handle.get_label()): handle for handle in ax.get_legend_handles_labels()[0]}
     figure.legend(handles=list(handles.values()), loc="outside upper right", ncols=2)
     return figure
 
@@ -268,13 +268,13 @@ def _intervals(fit: Identification) -> Figure:
     lengths = np.clip(np.where(np.isfinite(half), half, HIGHEST_PERCENT), LOWEST_PERCENT, HIGHEST_PERCENT)
     low = 10.0 ** np.floor(np.log10(lengths[shown].min()) - 0.1)
     for ax, rows in columns:
-        for place, index in enumerate(rows):
+        for row, index in enumerate(rows):
             if not shown[index]:
-                ax.text(low * 1.1, place, fit.roles[index], va="center", fontsize=7.0, color="#5b6470")
+                ax.text(low * 1.1, row, fit.roles[index], va="center", fontsize=7.0, color="#5b6470")
                 continue
             well = fit.relative_std_percent[index] <= WELL_IDENTIFIED_PERCENT
             ax.barh(
-                place,
+                row,
                 lengths[index] - low,
                 left=low,
                 height=0.68,

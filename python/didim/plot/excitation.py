@@ -92,12 +92,12 @@ def swept(design: Excitation) -> Figure:
     _, q, _, _ = design.sampled(50.0)
     poses = q[:: max(1, len(q) // MOST_POSES)]
     points = frames(design.robot, poses)[:, :, :3, 3]
-    way = frames(design.robot, q)[:, -1, :3, 3]
+    swept_path = frames(design.robot, q)[:, -1, :3, 3]
     figure = new_figure(3.4)
     for axes, (across, up) in zip(figure.subplots(1, 2), ((0, 2), (0, 1)), strict=True):
         for pose in points:
             axes.plot(pose[:, across], pose[:, up], color=FAINT, linewidth=0.6)
-        axes.plot(way[:, across], way[:, up], color=MODEL, linewidth=0.9)
+        axes.plot(swept_path[:, across], swept_path[:, up], color=MODEL, linewidth=0.9)
         axes.set_xlabel(f"{'xyz'[across]} (m)")
         axes.set_ylabel(f"{'xyz'[up]} (m)")
         axes.set_aspect("equal", adjustable="datalim")

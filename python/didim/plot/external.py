@@ -19,12 +19,12 @@ PANEL_IN = 1.5
 
 
 @styled
-def external(found: Residual) -> Figure:
+def external(residual: Residual) -> Figure:
     """Draw the external torques of each joint over time, with intervals, the observer and the detections.
 
     Parameters
     ----------
-    found : Residual
+    residual : Residual
         From `didim.studies.loads.residual.residual_torques`.
 
     Returns
@@ -38,32 +38,34 @@ def external(found: Residual) -> Figure:
     PlotError
         Without matplotlib.
     """
-    n = found.windows[0].torque.shape[1]
+    n = residual.windows[0].torque.shape[1]
     figure = new_figure(PANEL_IN * n + 0.4)
     panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
-    starts = np.cumsum([0.0, *(item.observer_t[-1] - item.observer_t[0] for item in found.windows)])
+    starts = np.cumsum([0.0, *(window.observer_t[-1] - window.observer_t[0] for window in residual.windows)])
     for joint, axes in enumerate(panels):
-        for index, (item, start) in enumerate(zip(found.windows, starts[:-1], strict=True)):
-            shift = start - item.observer_t[0]
-            low, high = item.interval()
-            axes.fill_between(item.t + shift, low[:, joint], high[:, joint], color=FAINT, linewidth=0.0)
+        for index, (window, start) in enumerate(zip(residual.windows, starts[:-1], strict=True)):
+            shift = start - window.observer_t[0]
+            low, high = window.interval()
+            axes.fill_between(window.t + shift, low[:, joint], high[:, joint], color=FAINT, linewidth=0.0)
             line(
                 axes,
-                [(item.t + shift, item.torque[:, joint])],
+                [(window.t + shift, window.torque[:, joint])],
                 color=MODEL,
                 label="along the motion" if not index else None,
             )
             line(
                 axes,
-                [(item.observer_t + shift, item.observed[:, joint])],
+                [(window.observer_t + shift, window.observed[:, joint])],
                 color=RESIDUAL,
                 linewidth=0.8,
                 label="observer" if not index else None,
             )
             for sign in (-1.0, 1.0):
-                limit = sign * item.limits[:, joint]
-                line(axes, [(item.observer_t + shift, limit)], color=RESIDUAL, linewidth=0.6, linestyle="--")
-            for contact in item.contacts:
+                limit = sign * window.limits[:, joint]
+                line(
+                    axes, [(window.observer_t + shift, limit)], color=RESIDUAL, linewidth=0.6, linestyle="--"
+                )
+            for contact in window.contacts:
                 shade = 0.35 if joint + 1 in contact.joints else 0.12
                 axes.axvspan(
                     contact.start_s + shift,
@@ -72,9 +74,9 @@ def external(found: Residual) -> Figure:
                     alpha=shade,
                     linewidth=0.0,
                 )
-            if item.payload_change is not None:
-                axes.axvline(item.payload_change.start_s + shift, color="black", linewidth=1.0)
-        name = f" ({found.joint_names[joint]})" if found.joint_names else ""
+            if window.payload_change is not None:
+                axes.axvline(window.payload_change.start_s + shift, color="black", linewidth=1.0)
+        name = f" ({residual.joint_names[joint]})" if residual.joint_names else ""
         axes.set_title(f"joint {joint + 1}{name}")
         axes.set_ylabel("N.m or N")
     panels[0].legend(loc="upper right", ncols=2)

@@ -77,23 +77,23 @@ def torques(
     DidimError
         As for `didim.studies.prediction.predict`; a `PlotError` without matplotlib.
     """
-    found = list(predict(fit, experiment) if predictions is None else predictions)
+    windows = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
-    words = {"measured": "predicted", "simulated": "simulated"}[found[0].motion]
-    pieces = _end_to_end(found, {item.name: start_of(item) for item in experiment.recordings})
+    words = {"measured": "predicted", "simulated": "simulated"}[windows[0].motion]
+    pieces = _end_to_end(windows, {window.name: start_of(window) for window in experiment.recordings})
     bands = [
         (t, 0.5 * (high - low))
-        for (t, _, _), item in zip(pieces, found, strict=True)
-        if item.std is not None
-        for low, high in [item.interval()]
+        for (t, _, _), window in zip(pieces, windows, strict=True)
+        if window.std is not None
+        for low, high in [window.interval()]
     ]
     return _compared(
         pieces,
         labels=("measured", words),
         names=["force" if kind == "prismatic" else "torque" for kind in kinds],
         units=[units(kind)[1] for kind in kinds],
-        notes=[percent(error) for error in relative_errors(found)],
-        several=len({item.recording for item in found}) > 1,
+        notes=[percent(error) for error in relative_errors(windows)],
+        several=len({window.recording for window in windows}) > 1,
         bands=bands,
     )
 
@@ -145,15 +145,15 @@ def overlay(
             f"{measured.shape[1]} joints, and the simulation {len(model)} and {model.shape[1]}"
         )
     kinds = experiment.robot.joint_kinds
-    place = 0 if quantity == "q" else 1
+    column = 0 if quantity == "q" else 1
     size = np.linalg.norm(measured, axis=0)
     error = np.linalg.norm(measured - model, axis=0)
     shares = quotient(error, size, np.nan)
     return _compared(
         [(recording.t[start : start + len(model)] - recording.t[start], measured, model)],
         labels=("measured", "simulated"),
-        names=["position" if place == 0 else "force" if kind == "prismatic" else "torque" for kind in kinds],
-        units=[units(kind)[place] for kind in kinds],
+        names=["position" if column == 0 else "force" if kind == "prismatic" else "torque" for kind in kinds],
+        units=[units(kind)[column] for kind in kinds],
         notes=[percent(share) for share in shares],
         several=False,
     )
@@ -168,13 +168,13 @@ def _end_to_end(predictions: Sequence[Prediction], starts: Mapping[str, float]) 
     """Return windows with consecutive times, recording by recording, from 0."""
     pieces: Pieces = []
     offset, last, name = -starts.get(predictions[0].recording, 0.0), 0.0, ""
-    for item in predictions:
-        if name and item.recording != name:
-            offset = last - float(item.t[0])
-        name = item.recording
-        t = item.t + offset
+    for window in predictions:
+        if name and window.recording != name:
+            offset = last - float(window.t[0])
+        name = window.recording
+        t = window.t + offset
         last = float(t[-1])
-        pieces.append((t, item.measured, item.predicted))
+        pieces.append((t, window.measured, window.predicted))
     return pieces
 
 
@@ -251,12 +251,12 @@ def residuals(
     DidimError
         As for `torques`.
     """
-    found = list(predict(fit, experiment) if predictions is None else predictions)
+    windows = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     n = len(kinds)
     rows, columns = per_row(n, SMALL_PANELS_PER_ROW)
-    n_rows = sum(len(item.t) for item in found)
-    n_lags = min(MOST_LAGS, min(len(item.t) for item in found) - 1)
+    n_rows = sum(len(window.t) for window in windows)
+    n_lags = min(MOST_LAGS, min(len(window.t) for window in windows) - 1)
     figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows), gap_in=0.07)
     outer = figure.add_gridspec(rows, columns)
     band = CONFIDENCE / np.sqrt(n_rows)
@@ -266,12 +266,12 @@ def residuals(
         shape = (1, 2) if n == 1 else (2, 1)
         inner = outer[divmod(joint, columns)].subgridspec(*shape)
         upper, lower = figure.add_subplot(inner[0]), figure.add_subplot(inner[1])
-        parts = [item.residual[:, joint] for item in found]
+        parts = [window.residual[:, joint] for window in windows]
         correlation = autocorrelation(parts, n_lags)
         lags = np.arange(1, n_lags + 1)
         upper.axhspan(-band, band, color=FAINT, linewidth=0.0, label="95 % of white noise", zorder=0.5)
         upper.vlines(lags, 0.0, correlation[1:], color=MODEL, linewidth=1.6, label="autocorrelation")
-        expected = found[0].noise_correlation
+        expected = windows[0].noise_correlation
         if expected is not None:
             upper.plot(
                 lags,

@@ -68,7 +68,7 @@ def motion(experiment: Experiment) -> Figure:
     PlotError
         For an experiment without positions, or without matplotlib.
     """
-    recordings = [item for item in experiment.recordings if item.has_positions]
+    recordings = [recording for recording in experiment.recordings if recording.has_positions]
     if not recordings:
         raise PlotError(f"experiment '{experiment.name}' has no positions to draw")
     pieces = _pieces(experiment, recordings)
@@ -150,9 +150,9 @@ def spectra(
     """
     from matplotlib.ticker import LogLocator
 
-    found = list(predict(fit, experiment) if predictions is None else predictions)
+    predicted = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
-    windows = [item for item in found if len(item.t) >= FEWEST_SPECTRUM_ROWS]
+    windows = [window for window in predicted if len(window.t) >= FEWEST_SPECTRUM_ROWS]
     if not windows:
         raise PlotError(f"the windows of '{experiment.name}' are too short for spectra")
     f, measured = spectrum(windows, "measured")
@@ -200,12 +200,12 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
     """
     from scipy.signal import welch
 
-    shortest = min(len(item.t) for item in predictions)
+    shortest = min(len(window.t) for window in predictions)
     size = min(LONGEST_DRAWN_PIECE, max(FEWEST_SPECTRUM_ROWS, shortest // FEWEST_PIECES))
     total, weight = 0.0, 0
-    for item in predictions:
-        rate = 1.0 / float(np.median(np.diff(item.t)))
-        f, power = welch(getattr(item, key), fs=rate, nperseg=size, axis=0)
-        total = total + len(item.t) * power
-        weight += len(item.t)
+    for window in predictions:
+        rate = 1.0 / float(np.median(np.diff(window.t)))
+        f, power = welch(getattr(window, key), fs=rate, nperseg=size, axis=0)
+        total = total + len(window.t) * power
+        weight += len(window.t)
     return f[1:], np.sqrt(np.asarray(total) / weight)[1:]

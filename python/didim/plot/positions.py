@@ -46,12 +46,12 @@ def positions(fit: Identification, experiment: Experiment, replays: Sequence[Rep
     PlotError
         Without matplotlib.
     """
-    items = replayed(fit, experiment) if replays is None else replays
+    replays_drawn = replayed(fit, experiment) if replays is None else replays
     n = experiment.robot.n_dof
     rows, columns = per_row(n, MOST_PANELS_PER_ROW)
     figure = new_figure(PANEL_IN * rows + 0.3)
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    starts = np.cumsum([0.0, *(item.t[-1] for item in items)])
+    starts = np.cumsum([0.0, *(replay.t[-1] for replay in replays_drawn)])
     for joint, axes in enumerate(panels[:n]):
         for values, color, label in (
             ("commanded", FAINT, "commanded"),
@@ -59,11 +59,11 @@ def positions(fit: Identification, experiment: Experiment, replays: Sequence[Rep
             ("simulated", MODEL, "simulated"),
         ):
             pieces = [
-                (item.t + start, getattr(item, values)[:, joint])
-                for item, start in zip(items, starts[:-1], strict=True)
+                (replay.t + start, getattr(replay, values)[:, joint])
+                for replay, start in zip(replays_drawn, starts[:-1], strict=True)
             ]
             line(axes, pieces, color=color, label=label, linewidth=0.9)
-        axes.set_title(f"{experiment.robot.joint_label(joint)}: {1e3 * rms_error(items, joint):.2f}")
+        axes.set_title(f"{experiment.robot.joint_label(joint)}: {1e3 * rms_error(replays_drawn, joint):.2f}")
     for axes in panels[n:]:
         axes.set_visible(False)
     panels[0].legend(loc="upper right", ncols=3)

@@ -51,20 +51,20 @@ def robot(robot: Robot, q: ArrayLike | None = None, *, motion: ArrayLike | None 
     PlotError
         Without matplotlib.
     """
-    way = None
+    tip_path = None
     if motion is not None:
         path = real_array("motion", motion, PlotError)
         path = path[:: max(1, len(path) // MOST_PATH_POINTS)]
-        way = frames(robot, path)[:, -1, :3, 3]
+        tip_path = frames(robot, path)[:, -1, :3, 3]
         if q is None:
-            q = path[int(np.argmax(np.linalg.norm(way - _along(robot, way), axis=1)))]
+            q = path[int(np.argmax(np.linalg.norm(tip_path - _along(robot, tip_path), axis=1)))]
     if q is None:
         q = np.zeros(robot.n_dof)
     pose = np.asarray(q, dtype=np.float64)
     if pose.shape != (robot.n_dof,):
         raise PlotError(f"q must have shape ({robot.n_dof},) for robot {robot.name!r}, got {pose.shape}")
     points, axes_z = skeleton(robot, pose)
-    return _draw(robot, points, axes_z, frames(robot, pose[None])[0, 1:, :3, 3], way)
+    return _draw(robot, points, axes_z, frames(robot, pose[None])[0, 1:, :3, 3], tip_path)
 
 
 def _along(robot: Robot, points: Array) -> Array:
@@ -83,33 +83,33 @@ def skeleton(robot: Robot, q: Array) -> tuple[Array, Array]:
     The corners of a chain, (2 n_dof + 1, 3), go along x by d and then along z by r. Those of a tree, (3 n_dof, 3), go from the
     frame of the antecedent and have a row of NaN behind each link, which breaks the line that is drawn.
     """
-    found = frames(robot, q[None])[0]
+    poses = frames(robot, q[None])[0]
     if not robot.geometry.in_line:
         gap = np.full(3, np.nan)
         lines = [
-            (found[0 if parent is None else parent + 1, :3, 3], found[joint + 1, :3, 3], gap)
+            (poses[0 if parent is None else parent + 1, :3, 3], poses[joint + 1, :3, 3], gap)
             for joint, parent in enumerate(robot.geometry.parents)
         ]
-        return np.array(lines).reshape(-1, 3), found[1:, :3, 2]
-    corners = [found[0, :3, 3]]
+        return np.array(lines).reshape(-1, 3), poses[1:, :3, 2]
+    corners = [poses[0, :3, 3]]
     for joint in range(robot.n_dof):
-        before = found[joint]
+        before = poses[joint]
         corners.append(before[:3, 3] + robot.geometry.d[joint] * before[:3, 0])
-        corners.append(found[joint + 1, :3, 3])
-    return np.array(corners), found[1:, :3, 2]
+        corners.append(poses[joint + 1, :3, 3])
+    return np.array(corners), poses[1:, :3, 2]
 
 
-def _draw(robot: Robot, points: Array, axes_z: Array, origins: Array, way: Array | None) -> Figure:
+def _draw(robot: Robot, points: Array, axes_z: Array, origins: Array, tip_path: Array | None) -> Figure:
     from mpl_toolkits.mplot3d import Axes3D
 
-    everything = points if way is None else np.concatenate([points, way])
+    everything = points if tip_path is None else np.concatenate([points, tip_path])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     size = max(float((high - low).max()), 0.1)
     figure = new_figure(5.2, 5.6)
     axes: Any = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
-    if way is not None:
-        axes.plot(*way.T, color=RESIDUAL, linewidth=0.7, alpha=0.7, label="path of the last frame")
+    if tip_path is not None:
+        axes.plot(*tip_path.T, color=RESIDUAL, linewidth=0.7, alpha=0.7, label="path of the last frame")
     axes.plot(*points.T, color="#3a424d", linewidth=5.0, solid_capstyle="round", solid_joinstyle="round")
     axes.plot(*points[:1].T, marker="s", markersize=11, color="#3a424d", linestyle="none", label="base")
     length = AXIS_SHARE * size

@@ -58,14 +58,14 @@ def _size(value: object) -> float | None:
 
 def varied_key(study: StudyResults) -> str | None:
     """Return the key with the most numeric values over the scenarios, a noise first; None where nothing varies."""
-    found: dict[str, set[float]] = {}
+    values: dict[str, set[float]] = {}
     for row in study.rows.truths.values():
         for key, value in row["keys"].items():
             size = _size(value)
             if size is not None:
-                found.setdefault(key, set()).add(size)
-    varied = [key for key, sizes in found.items() if len(sizes) > 1]
-    return max(varied, key=lambda key: ("noise" in key, len(found[key]), key), default=None)
+                values.setdefault(key, set()).add(size)
+    varied = [key for key, sizes in values.items() if len(sizes) > 1]
+    return max(varied, key=lambda key: ("noise" in key, len(values[key]), key), default=None)
 
 
 @styled
@@ -105,7 +105,7 @@ def errors(study: StudyResults, key: str | None = None) -> Figure:
     return _panels(
         study,
         [(_common(names), names) for names in groups],
-        lambda item: float(_size(truths[item.scenario]["keys"][key]) or 0.0),
+        lambda figures: float(_size(truths[figures.scenario]["keys"][key]) or 0.0),
         key,
     )
 
@@ -119,7 +119,7 @@ def _common(names: Sequence[str]) -> str:
 def _panels(
     study: StudyResults,
     groups: Sequence[tuple[str, Sequence[str]]],
-    place: Callable[[Figures], float],
+    abscissa: Callable[[Figures], float],
     label: str,
 ) -> Figure:
     rows, columns = per_row(len(groups), MOST_IN_ROW)
@@ -128,14 +128,14 @@ def _panels(
     styles = _styles(study)
     for ax, (title, names) in zip(axes, groups, strict=False):
         for method, (color, marker) in styles.items():
-            items = sorted(
-                (f for f in study.figures if f.method == method and f.scenario in names), key=place
+            shown = sorted(
+                (f for f in study.figures if f.method == method and f.scenario in names), key=abscissa
             )
-            items = [item for item in items if np.isfinite(item.torque_error.value)]
-            y, bars = _with_bars([item.torque_error for item in items])
+            shown = [row for row in shown if np.isfinite(row.torque_error.value)]
+            y, bars = _with_bars([row.torque_error for row in shown])
             style: dict[str, Any] = {"color": color, "marker": marker, "markersize": 4.5, "elinewidth": 0.8}
-            ax.errorbar([place(item) for item in items], y, yerr=bars, capsize=2.0, label=method, **style)
-        positive = all(place(f) > 0.0 for f in study.figures if f.scenario in names)
+            ax.errorbar([abscissa(row) for row in shown], y, yerr=bars, capsize=2.0, label=method, **style)
+        positive = all(abscissa(f) > 0.0 for f in study.figures if f.scenario in names)
         ax.set_xscale("log" if positive else "linear")
         ax.set_yscale("log")
         ax.set_title(title)
@@ -154,7 +154,7 @@ def _panels(
 
 def _with_bars(estimates: Sequence[Estimate]) -> tuple[Array, Array | None]:
     """Return estimates in %, (n,), and the lengths of their bars to both sides, (2, n)."""
-    ends = ((item.value, item.low, item.high) for item in estimates)
+    ends = ((estimate.value, estimate.low, estimate.high) for estimate in estimates)
     value, low, high = 100.0 * np.array([*ends]).reshape(-1, 3).T
     return value, np.nan_to_num([value - low, high - value]) if len(value) else None
 
@@ -190,9 +190,9 @@ def coverage(study: StudyResults) -> Figure:
     ax = figure.subplots()
     step = 0.7 / max(1, len(styles))
     for k, (method, (color, marker)) in enumerate(styles.items()):
-        items = [f for f in study.figures if f.method == method and np.isfinite(f.coverage.value)]
-        y = np.array([names.index(item.scenario) - 0.35 + step * (k + 0.5) for item in items])
-        x, bars = _with_bars([item.coverage for item in items])
+        rows = [f for f in study.figures if f.method == method and np.isfinite(f.coverage.value)]
+        y = np.array([names.index(row.scenario) - 0.35 + step * (k + 0.5) for row in rows])
+        x, bars = _with_bars([row.coverage for row in rows])
         style: dict[str, Any] = {"color": color, "marker": marker, "markersize": 4.0, "elinewidth": 0.8}
         ax.errorbar(x, y, xerr=bars, linestyle="none", label=method, **style)
     ax.axvline(95.0, color="#3a424d", linewidth=0.9, linestyle="--")
@@ -227,15 +227,15 @@ def cost(study: StudyResults) -> Figure:
         Without rows, or when no row has a time.
     """
     _require(study)
-    items = [f for f in study.figures if np.isfinite(f.seconds) and np.isfinite(f.torque_error.value)]
-    if not items:
+    rows = [f for f in study.figures if np.isfinite(f.seconds) and np.isfinite(f.torque_error.value)]
+    if not rows:
         raise PlotError("no row of the study has a time")
     figure = new_figure(3.8)
     ax = figure.subplots()
     styles = _styles(study)
     for method, (color, marker) in styles.items():
-        mine = [item for item in items if item.method == method]
-        x, y = [item.seconds for item in mine], [100.0 * item.torque_error.value for item in mine]
+        of_method = [row for row in rows if row.method == method]
+        x, y = [row.seconds for row in of_method], [100.0 * row.torque_error.value for row in of_method]
         ax.loglog(x, y, linestyle="none", color=color, marker=marker, markersize=5.0, label=method)
     plain_ticks(ax.xaxis)
     plain_ticks(ax.yaxis)

@@ -187,7 +187,7 @@ def svg(figure: Figure) -> str:
         figure.set_canvas(canvas)
         figure.dpi = dpi
     # Coordinates are rounded: they are most of the text and need no millionth of a pixel.
-    short = _PATH.sub(lambda found: _DIGITS.sub(r"\1", found.group()), text.getvalue())
+    short = _PATH.sub(lambda match: _DIGITS.sub(r"\1", match.group()), text.getvalue())
     return _INDENT.sub("\n", short)
 
 
@@ -238,7 +238,7 @@ def line(axes: Axes, pieces: list[tuple[Array, Array]], **options: Any) -> None:
     """Draw the pieces of a line, with gaps between them."""
     thinned = [thin(*piece) for piece in pieces]
     gap = np.array([np.nan])
-    x, y = (np.concatenate([part for item in thinned for part in (item[k], gap)][:-1]) for k in (0, 1))
+    x, y = (np.concatenate([part for stretch in thinned for part in (stretch[k], gap)][:-1]) for k in (0, 1))
     axes.plot(x, y, **options)
 
 

@@ -130,11 +130,11 @@ class BaseParameters(Pickled):
 
 def base_parameters(core: _core.Robot) -> BaseParameters:
     """Find the base parameters of a robot (see `BaseParameters`)."""
-    kept, terms, unidentifiable = _core.base_parameters(core)
+    independent, terms, unidentifiable = _core.base_parameters(core)
     standard, units = core.parameter_names, core.parameter_units
-    matrix = np.zeros((len(kept), len(standard)))
+    matrix = np.zeros((len(independent), len(standard)))
     names, groupings = [], []
-    for row, (column, regrouped) in enumerate(zip(kept, terms, strict=True)):
+    for row, (column, regrouped) in enumerate(zip(independent, terms, strict=True)):
         matrix[row, column] = 1.0
         for other, coefficient, _ in regrouped:
             matrix[row, other] = coefficient
@@ -144,8 +144,8 @@ def base_parameters(core: _core.Robot) -> BaseParameters:
     matrix.setflags(write=False)
     return BaseParameters(
         names=tuple(names),
-        units=tuple(units[column] for column in kept),
-        indices=tuple(kept),
+        units=tuple(units[column] for column in independent),
+        indices=tuple(independent),
         groupings=tuple(groupings),
         unidentifiable=tuple(standard[column] for column in unidentifiable),
         matrix=matrix,

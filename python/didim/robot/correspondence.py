@@ -117,7 +117,7 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
             )
         )
         entry.done()
-    found = Correspondence(
+    correspondence = Correspondence(
         file=table.text("file"),
         sha256=table.text("sha256"),
         base=table.text("base"),
@@ -128,7 +128,7 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
         snapped_rad=table.number("snapped_rad"),
     )
     table.done()
-    return found
+    return correspondence
 
 
 def _read_pose(table: Table, key: str) -> Pose:

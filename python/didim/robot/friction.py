@@ -376,13 +376,13 @@ def _own_laws(
     """User-defined laws, ``[[friction.law]]``, given by a function or by values: a law replaces the terms of its name."""
     parts = table.tables("law")
     given_names = {part.text("name") for part in parts}
-    found = [term for term in terms if term.name not in given_names]
+    own_terms = [term for term in terms if term.name not in given_names]
     for part in parts:
-        name, place = part.text("name"), part.text("function", None)
+        name, function = part.text("name"), part.text("function", None)
         values = part.numbers("values", default=None)
-        if (place is None) == (values is None):
+        if (function is None) == (values is None):
             part.fail('a law needs either function = "module:name" or values')
-        law = None if place is None else loaded(place, "friction law", RobotError)
+        law = None if function is None else loaded(function, "friction law", RobotError)
         joints = _joints(part, "joints", len(kinds))
         keys = ("first", "step") if law is None else ("fastest",)
         numbers = {
@@ -398,15 +398,15 @@ def _own_laws(
                     f"joint {joint + 1} needs {' and '.join(keys)}, in rad_s or m_s as it turns or slides"
                 )
             if law is not None:
-                found.append(FrictionTerm.from_function(name, joint, law, fastest=given[0]))
+                own_terms.append(FrictionTerm.from_function(name, joint, law, fastest=given[0]))
             else:
                 first, step = given
                 own = tuple(values or ())
-                found.append(
+                own_terms.append(
                     FrictionTerm(law="table", joint=joint, name=name, first=first, step=step, values=own)
                 )
         part.done()
-    return tuple(found)
+    return tuple(own_terms)
 
 
 def _joints(table: Table, key: str, n: int) -> list[int] | None:

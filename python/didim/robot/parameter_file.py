@@ -224,8 +224,8 @@ def _result(path: Path) -> tuple[Sequence[str], Array]:
     """Names and values of the standard parameters in the JSON of a result."""
     data = read_saved(path)
     try:
-        found = dict(data["standard_parameters"])
-        return list(found), np.array([float(value) for value in found.values()])
+        standard = dict(data["standard_parameters"])
+        return list(standard), np.array([float(value) for value in standard.values()])
     except KeyError as error:
         raise FitError(f"{path}: key {error} is missing or unknown") from None
     except (TypeError, ValueError, OverflowError) as error:

@@ -146,13 +146,13 @@ Pose = tuple[tuple[float, ...], ...]
 
 def read_flange(table: Table) -> Pose:
     """Read the table ``[flange]``: its pose in the last link's frame; rows of a homogeneous matrix (3 x 4)."""
-    place = table.numbers("xyz_m", 3)
-    if max(map(abs, place)) > LARGEST:
-        table.fail(f"xyz_m must be at most {LARGEST:g}, got {list(place)}")
+    origin = table.numbers("xyz_m", 3)
+    if max(map(abs, origin)) > LARGEST:
+        table.fail(f"xyz_m must be at most {LARGEST:g}, got {list(origin)}")
     degrees = table.numbers("rpy_deg", 3, None)
     angles = tuple(table.numbers("rpy_rad", 3) if degrees is None else map(math.radians, degrees))
     table.done()
-    return tuple(tuple(row) for row in pose(rotation_of(angles), place)[:3].tolist())
+    return tuple(tuple(row) for row in pose(rotation_of(angles), origin)[:3].tolist())
 
 
 def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:

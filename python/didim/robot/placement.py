@@ -58,13 +58,13 @@ def in_line(n_dof: int) -> tuple[int | None, ...]:
 def limbs(parents: Sequence[int | None]) -> tuple[tuple[int, ...], ...]:
     """Return the joints of each limb, such as a torso, an arm, a leg: they stand on each other, and no other branch among them."""
     children = [sum(other == joint for other in parents) for joint in range(len(parents))]
-    found: list[list[int]] = []
+    limbs_so_far: list[list[int]] = []
     for joint, parent in enumerate(parents):
-        if parent is not None and children[parent] == 1 and found and found[-1][-1] == parent:
-            found[-1].append(joint)
+        if parent is not None and children[parent] == 1 and limbs_so_far and limbs_so_far[-1][-1] == parent:
+            limbs_so_far[-1].append(joint)
         else:
-            found.append([joint])
-    return tuple(tuple(limb) for limb in found)
+            limbs_so_far.append([joint])
+    return tuple(tuple(limb) for limb in limbs_so_far)
 
 
 def chain(n_dof: int) -> tuple[Mount, ...]:

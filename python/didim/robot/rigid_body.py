@@ -27,10 +27,10 @@ EXACT = 1e-12
 """Bound of cosines and sines that count as zero, that is as right angles, as in the core."""
 
 
-def pose(rotation: Array, place: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+def pose(rotation: Array, position: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
     """Return the homogeneous matrix of a rotation (3, 3) and a position (3,), m."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, place
+    matrix[:3, :3], matrix[:3, 3] = rotation, position
     return matrix
 
 
@@ -95,8 +95,8 @@ def quaternion(rotation: Array) -> Array:
         ]
     )
     line = lines[int(np.argmax(squares))]
-    found = line / np.linalg.norm(line)
-    return np.asarray(-found if found[0] < 0.0 else found)
+    axis = line / np.linalg.norm(line)
+    return np.asarray(-axis if axis[0] < 0.0 else axis)
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:

@@ -87,14 +87,14 @@ class Geometry:
     @property
     def outwards(self) -> tuple[int, ...]:
         """All joints, each after its antecedent."""
-        found: list[int] = []
+        order: list[int] = []
         waiting = [joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] is None]
         while waiting:
-            found.append(waiting.pop())
+            order.append(waiting.pop())
             waiting += [
-                joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] == found[-1]
+                joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] == order[-1]
             ]
-        return tuple(found)
+        return tuple(order)
 
     @property
     def parents(self) -> tuple[int | None, ...]:
@@ -250,7 +250,10 @@ class Robot(Pickled):
     @property
     def all_joint_names(self) -> tuple[str, ...]:
         """Names of all joints, coupled ones last; empty where the file has none."""
-        return self.joint_names and (*self.joint_names, *(item.name for item in self.geometry.followers))
+        return self.joint_names and (
+            *self.joint_names,
+            *(follower.name for follower in self.geometry.followers),
+        )
 
     def joint_label(self, joint: int) -> str:
         """Return the label of a joint, from 0, in messages and reports: ``joint 3``, or ``joint 3 (elbow_joint)``."""
@@ -446,5 +449,5 @@ def _core_term(term: FrictionTerm) -> tuple[int, str, str, float, float, list[fl
     """Return a friction term of the core, whose robot is at the reference temperature, where a law of temperature is zero."""
     if term.law in OF_TEMPERATURE:
         return term.joint, term.name, "table", -1.0, 1.0, [0.0] * 4
-    place = term.first if term.law == "table" else term.velocity
-    return term.joint, term.name, term.law, place, term.step, list(term.values)
+    speed = term.first if term.law == "table" else term.velocity
+    return term.joint, term.name, term.law, speed, term.step, list(term.values)

@@ -251,7 +251,7 @@ def _mounts(
 
     A coupled joint, one of the last, may be an antecedent too.
     """
-    found = []
+    mounts_read = []
     for number, joint in enumerate(joints, start=1):
         keys = ("antecedent", "gamma_deg", "gamma_rad", "b_m", "shift_m")
         if convention == "dh" and any(joint.has(key) for key in keys):
@@ -266,8 +266,10 @@ def _mounts(
         gamma = _angle(joint, "gamma")
         if not joint.has("shift_m"):
             gamma = angles.snapped(gamma)
-        found.append(Mount(parent=antecedent - 1 if antecedent else None, gamma=gamma, b=b, shift=(x, y, z)))
-    mounts = tuple(found)
+        mounts_read.append(
+            Mount(parent=antecedent - 1 if antecedent else None, gamma=gamma, b=b, shift=(x, y, z))
+        )
+    mounts = tuple(mounts_read)
     return () if mounts == chain(len(joints)) else mounts
 
 

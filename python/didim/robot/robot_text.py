@@ -210,14 +210,14 @@ def _further_friction(robot: Robot) -> list[str]:
 
 def _limits(limits: JointLimits, kind: str) -> list[str]:
     revolute = kind == "revolute"
-    found = []
+    limits_read = []
     if limits.position is not None:
-        found.append(f"position_{'rad' if revolute else 'm'} = {_numbers(limits.position)}")
+        limits_read.append(f"position_{'rad' if revolute else 'm'} = {_numbers(limits.position)}")
     if limits.velocity is not None:
-        found.append(f"velocity_{'rad_s' if revolute else 'm_s'} = {_number(limits.velocity)}")
+        limits_read.append(f"velocity_{'rad_s' if revolute else 'm_s'} = {_number(limits.velocity)}")
     if limits.effort is not None:
-        found.append(f"{'torque_n_m' if revolute else 'force_n'} = {_number(limits.effort)}")
-    return found
+        limits_read.append(f"{'torque_n_m' if revolute else 'force_n'} = {_number(limits.effort)}")
+    return limits_read
 
 
 def _urdf(places: Correspondence) -> list[str]:

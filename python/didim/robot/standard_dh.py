@@ -87,12 +87,12 @@ def in_other_frames(
     change
         `to_frame` or `from_frame`.
     """
-    found = np.array(x, dtype=np.float64)
+    x_out = np.array(x, dtype=np.float64)
     for j, pose in enumerate(poses):
         first = names.index(f"{INERTIAL[0]}{j + 1}")
         ten = slice(first, first + len(INERTIAL))
-        found[ten] = ten_parameters(change(pose, pseudo_inertia(found[ten])))
-    return found
+        x_out[ten] = ten_parameters(change(pose, pseudo_inertia(x_out[ten])))
+    return x_out
 
 
 def to_frame(pose: Array, pseudo: Array) -> Array:

@@ -125,11 +125,11 @@ def joint_motion(followers: Sequence[Follower], driven: Array, position: bool = 
 def driven_part(followers: Sequence[Follower], joints: Array) -> Array:
     """Return a torque or derivative of all joints reduced to the driven ones, ``G^T v``, along the last axis."""
     n = joints.shape[-1] - len(followers)
-    found = joints[..., :n].copy()
+    driven = joints[..., :n].copy()
     for k, follower in enumerate(followers):
         for leader, factor in follower.leaders:
-            found[..., leader] += factor * joints[..., n + k]
-    return found
+            driven[..., leader] += factor * joints[..., n + k]
+    return driven
 
 
 def read_followers(
@@ -151,10 +151,10 @@ def read_followers(
     """
     n = len(kinds)
     driven = n - len(tables)
-    found: dict[int, Follower] = {}
+    followers: dict[int, Follower] = {}
     for table in tables:
         joint = table.integer("joint")
-        if not driven < joint <= n or joint in found:
+        if not driven < joint <= n or joint in followers:
             which = f"joint {driven + 1}" if driven + 1 == n else f"joints {driven + 1} to {n}"
             table.fail(
                 f"joints that follow others are the last ones of the file, each once: {which}, got {joint}"
@@ -172,8 +172,8 @@ def read_followers(
                 "follows needs one or more different joints, and factors one number other than 0 for each"
             )
         rows = tuple((int(leader) - 1, factor) for leader, factor in zip(leaders, factors, strict=True))
-        found[joint] = Follower(leaders=rows, offset=offset, name=names[joint - 1] if names else "")
-    return tuple(found[joint] for joint in sorted(found))
+        followers[joint] = Follower(leaders=rows, offset=offset, name=names[joint - 1] if names else "")
+    return tuple(followers[joint] for joint in sorted(followers))
 
 
 def followers_text(followers: Sequence[Follower], kinds: Sequence[str]) -> list[str]:

@@ -191,10 +191,10 @@ def _key(method: Method, taken: Collection[str]) -> str:
         choice = method.chosen_solver()
         known = {"least-squares": "plain"}
         key += f"-{known.get(choice, choice) if isinstance(choice, str) else getattr(choice, 'name', 'own-solver')}"
-    found, number = key, 2
-    while found in taken:
-        found, number = f"{key}-{number}", number + 1
-    return found
+    label, number = key, 2
+    while label in taken:
+        label, number = f"{key}-{number}", number + 1
+    return label
 
 
 def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:

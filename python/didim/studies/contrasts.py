@@ -46,7 +46,7 @@ class Contrasts(Printed):
 
     def __str__(self) -> str:
         lines = [f"{self.experiment}: contrasts of three estimates", ""]
-        lines += [f"- {item}" for item in self.contrasts]
+        lines += [f"- {each}" for each in self.contrasts]
         failed = [f"{name}: {fit.status.value}" for name, fit in self.fits.items() if not fit.converged]
         return "\n".join([*lines, *failed, "", f"{self.reading[0].upper()}{self.reading[1:]}."])
 
@@ -56,7 +56,7 @@ class Contrasts(Printed):
             "schema": 1,
             "experiment": self.experiment,
             "reading": self.reading,
-            "contrasts": [item.to_dict() for item in self.contrasts],
+            "contrasts": [each.to_dict() for each in self.contrasts],
             "methods": {name: fit.to_dict() for name, fit in self.fits.items()},
         }
 

@@ -78,9 +78,9 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     robot = experiment.robot
     same_parameters(fit, robot)
     recordings = [
-        (item, standard)
-        for item, standard in zip(experiment.recordings, standard_in(fit, experiment, robot), strict=True)
-        if item.role == "fit" and item.tau is not None and item.has_positions
+        (log, standard)
+        for log, standard in zip(experiment.recordings, standard_in(fit, experiment, robot), strict=True)
+        if log.role == "fit" and log.tau is not None and log.has_positions
     ]
     if not recordings:
         raise FitError(
@@ -102,9 +102,9 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
             for joint in range(robot.n_dof):
                 own, share = _alone(robot, joint, part.dq[:, joint], friction_only)
                 rest[:, joint] += own + share * np.abs(rigid[:, joint])
-            for found, values in zip((speeds, rests, loads), (part.dq, rest, rigid), strict=True):
-                found.append(row_values(values, experiment.signal))
-    speed, rest, load = (np.concatenate(found) for found in (speeds, rests, loads))
+            for pieces, values in zip((speeds, rests, loads), (part.dq, rest, rigid), strict=True):
+                pieces.append(row_values(values, experiment.signal))
+    speed, rest, load = (np.concatenate(pieces) for pieces in (speeds, rests, loads))
     curves = []
     for joint in range(robot.n_dof):
         fastest = float(np.abs(speed[:, joint]).max())

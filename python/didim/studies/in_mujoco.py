@@ -146,14 +146,14 @@ def validate_in_mujoco(
     drives = drives_of(fit, fit.name)
     pushed = pushed_of(fit, experiment)
     used = [
-        item
-        for item in _logged(experiment, pushed)
-        if item.recording.q_ref is not None and item.recording.has_positions
+        log
+        for log in _logged(experiment, pushed)
+        if log.recording.q_ref is not None and log.recording.has_positions
     ]
     if not used:
         raise FitError(f"{experiment.name}: no recording has commanded and measured positions")
     record = fit.settings.get("positions", {}).get("errors", {})
-    same = {name: digest for item in used for name, digest in item.recording.digests.items()}
+    same = {name: digest for log in used for name, digest in log.recording.digests.items()}
     known = all(fit.digests.get(f"data {name}") == digest for name, digest in same.items())
     own = np.array(record["after"]) if known and record.get("after") else None
     after, step = _errors(path, used, drives, step_s)
@@ -193,10 +193,10 @@ def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
     if experiment.links != "fixed":
         every = list(range(n))
         return [
-            Logged(item, dict.fromkeys(item.windows, every), np.ones(n), np.zeros(10))
-            for item in experiment.recordings
+            Logged(log, dict.fromkeys(log.windows, every), np.ones(n), np.zeros(10))
+            for log in experiment.recordings
         ]
-    values, limbs, found = file_values(experiment), limbs_of(experiment.robot), []
+    values, limbs, logs = file_values(experiment), limbs_of(experiment.robot), []
     stops = [*stops_of(experiment, limbs, values), *pushed]
     flange = np.eye(4) if experiment.flange is None else np.vstack([experiment.flange, [0.0, 0.0, 0.0, 1.0]])
     for number, recording in enumerate(experiment.recordings):
@@ -206,8 +206,8 @@ def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
                 stretches.setdefault(stretch, []).extend(limb.joints)
         payload = experiment.payloads.get(recording.payload)
         load = np.zeros(10) if payload is None else moved(payload.split[0], flange)
-        found.append(Logged(recording, stretches, values.shares[number], load))
-    return found
+        logs.append(Logged(recording, stretches, values.shares[number], load))
+    return logs
 
 
 def _loaded(model: Any, name: str, drives: Drives, logged: Logged) -> tuple[Any, Drives]:
@@ -266,15 +266,15 @@ def _errors(
         recording = logged.recording
         steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
         model.opt.timestep = 1.0 / (recording.rate_hz * steps)
-        own, mine = _loaded(model, path.name, drives, logged)
-        delayed = (_corrected if corrected else _stepped)(own, path.name, mine)
+        own, drawn = _loaded(model, path.name, drives, logged)
+        delayed = (_corrected if corrected else _stepped)(own, path.name, drawn)
         measured, commands = recording.measured_positions(), recording.q_ref
         assert commands is not None
         for (begin, end), at in logged.stretches.items():
             q = measured[begin:end]
-            found = replayed(own, path.name, delayed, commands[begin:end], q, recording.rate_hz, steps)
+            replay = replayed(own, path.name, delayed, commands[begin:end], q, recording.rate_hz, steps)
             first = left_out(len(q), recording.rate_hz)
-            squares[at] += np.sum((found - q)[first:, at] ** 2, axis=0)
+            squares[at] += np.sum((replay - q)[first:, at] ** 2, axis=0)
             count[at] += len(q) - first
     return np.sqrt(squares / count), float(model.opt.timestep)
 
@@ -314,8 +314,8 @@ def replayed(
     data = mujoco.MjData(model)
     q0, dq0 = start_state(measured, rate_hz)
     data.qpos[places], data.qvel[speeds] = q0 - bias, dq0
-    found = np.empty_like(measured)
-    found[0] = q0
+    replay = np.empty_like(measured)
+    replay[0] = q0
     controls = [(actuator, j) for j, actuator in enumerate(servo) if actuator is not None]
     columns, joints = ([pair[k] for pair in controls] for k in (0, 1))
     # A held command changes once a sample; only torques that are computed here change with each step.
@@ -331,8 +331,8 @@ def replayed(
             data.qfrc_applied[speeds] = np.where(own, tau, 0.0)
         mujoco.mj_step(model, data, end - k)
         if end % steps == 0:
-            found[end // steps] = data.qpos[places] + bias
-    return found
+            replay[end // steps] = data.qpos[places] + bias
+    return replay
 
 
 def _early(model: Any, drives: Drives) -> Drives:
@@ -347,12 +347,12 @@ def _stepped(model: Any, name: str, drives: Drives) -> Drives:
     if integrator_of(model) == "RK4" and not explicit:
         return drives
     try:
-        found = for_step(drives, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
+        corrected = for_step(drives, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
     except FitError:
         return early
     armature = np.array(model.dof_armature)[speeds]
-    far = [np.abs(armature - [drive.rotor for drive in one.joints]).sum() for one in (found, early)]
-    return found if far[0] < far[1] else early
+    far = [np.abs(armature - [drive.rotor for drive in one.joints]).sum() for one in (corrected, early)]
+    return corrected if far[0] < far[1] else early
 
 
 def _shorten(model: Any, name: str, drives: Drives) -> float:
@@ -372,8 +372,8 @@ def _corrected(model: Any, name: str, drives: Drives) -> Drives:
     if integrator_of(model) == "RK4" and not explicit:
         return drives
     plain = Drives(tuple(replace(drive, per_step={}) for drive in drives.joints))
-    found = for_step(plain, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
-    for dof, new, old in zip(speeds, found.joints, drives.joints, strict=True):
+    corrected = for_step(plain, float(model.opt.timestep), integrator_of(model), explicit_kv=explicit)
+    for dof, new, old in zip(speeds, corrected.joints, drives.joints, strict=True):
         model.dof_armature[dof] = max(0.0, model.dof_armature[dof] + new.rotor - old.rotor)
     return _early(model, drives)
 

@@ -89,7 +89,7 @@ def _shown(owner: str, names: list[str]) -> str:
 
 def unloaded(experiment: Experiment) -> Experiment:
     """Return the experiment without payloads and own parameters, for computations independent of them."""
-    plain = tuple(replace(item, payload=NOTHING, own=()) for item in experiment.recordings)
+    plain = tuple(replace(recording, payload=NOTHING, own=()) for recording in experiment.recordings)
     return replace(experiment, recordings=plain)
 
 
@@ -101,18 +101,18 @@ def with_gains_of(fit: Identification, experiment: Experiment) -> Experiment:
     FitError
         For a result without drive gains.
     """
-    if all(item.drives is None for item in experiment.recordings):
+    if all(recording.drives is None for recording in experiment.recordings):
         return experiment
     gains = None if fit.further is None else fit.further.gains
     recordings = []
-    for item in experiment.recordings:
-        if item.drives is None or item.tau is None:
-            recordings.append(item)
+    for recording in experiment.recordings:
+        if recording.drives is None or recording.tau is None:
+            recordings.append(recording)
             continue
         if gains is None:
             raise FitError(
-                f"recording '{item.name}' has currents, and the result '{fit.name}' has no drive gains: write them into the file "
-                "as gain = [...]"
+                f"recording '{recording.name}' has currents, and the result '{fit.name}' has no drive gains: "
+                "write them into the file as gain = [...]"
             )
-        recordings.append(item.with_gains(gains))
+        recordings.append(recording.with_gains(gains))
     return replace(experiment, recordings=tuple(recordings))

@@ -27,18 +27,18 @@ def load_model(path: Path) -> Any:
     check_input(path, FitError)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        for item in [
+        for element in [
             *spec.keys,
             *(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE),
         ]:
-            _delete(spec, item)
+            _delete(spec, element)
         try:
             model = spec.compile()
         except ValueError:
-            for item in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH] + list(
+            for element in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH] + list(
                 spec.meshes
             ):
-                _delete(spec, item)
+                _delete(spec, element)
             model = spec.compile()
     except ValueError as reason:
         raise FitError(
@@ -49,12 +49,12 @@ def load_model(path: Path) -> Any:
     return model
 
 
-def _delete(spec: Any, item: Any) -> None:
+def _delete(spec: Any, element: Any) -> None:
     """Delete an element, with the interface of MuJoCo before or after 3.3.3."""
     if hasattr(spec, "delete"):
-        spec.delete(item)
+        spec.delete(element)
     else:
-        item.delete()
+        element.delete()
 
 
 def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
@@ -68,7 +68,7 @@ def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[in
             raise FitError(f"{name}: there is no joint {drive.joint!r}")
         places.append(int(model.jnt_qposadr[joint]))
         speeds.append(int(model.jnt_dofadr[joint]))
-        mine = [
+        own = [
             k
             for k in range(model.nu)
             if model.actuator_trnid[k, 0] == joint
@@ -76,11 +76,11 @@ def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[in
             and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
             and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
         ]
-        if not mine and drive.kp is None:
+        if not own and drive.kp is None:
             raise FitError(
                 f"{name}: joint {drive.joint!r} has no position actuator, and the result has no gains"
             )
-        servo.append(mine[0] if mine else None)
+        servo.append(own[0] if own else None)
     return places, speeds, servo
 
 

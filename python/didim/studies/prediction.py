@@ -99,7 +99,7 @@ class Prediction:
 def relative_errors(predictions: Sequence[Prediction]) -> Array:
     """Norm of the torque error over that of the torque, per joint and all windows together, (n_dof,)."""
     error, size = (
-        np.linalg.norm(np.concatenate([getattr(item, key) for item in predictions]), axis=0)
+        np.linalg.norm(np.concatenate([getattr(prediction, key) for prediction in predictions]), axis=0)
         for key in ("residual", "measured")
     )
     return ratios(error, size)
@@ -118,10 +118,10 @@ def explained(predictions: Sequence[Prediction]) -> Array:
     (n_base,) array
         Root mean square of the column of W over that of the measured torque, per unit of the parameter.
     """
-    rows = np.array([len(item.t) for item in predictions], dtype=np.float64)
-    squares = np.array([item.sizes for item in predictions], dtype=np.float64) ** 2
+    rows = np.array([len(prediction.t) for prediction in predictions], dtype=np.float64)
+    squares = np.array([prediction.sizes for prediction in predictions], dtype=np.float64) ** 2
     column = np.sqrt(np.tensordot(rows, squares, axes=1) / rows.sum())
-    measured = np.concatenate([item.measured for item in predictions])
+    measured = np.concatenate([prediction.measured for prediction in predictions])
     torque = rms(measured)[:, None]
     return np.asarray(quotient(column, torque).max(axis=0))
 
@@ -170,7 +170,7 @@ def predict(
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulated_robot
     same_parameters(fit, robot)
-    recordings = [(k, item) for k, item in enumerate(experiment.recordings) if role in ("all", item.role)]
+    recordings = [(k, log) for k, log in enumerate(experiment.recordings) if role in ("all", log.role)]
     if not recordings:
         what = "recording" if role == "all" else f"recording with role {role!r}"
         raise FitError(f"experiment '{experiment.name}' has no {what}")
@@ -275,15 +275,15 @@ def _simulated(
 ) -> Segment:
     """Return the simulated motion and the measured torque, aligned and trimmed as in DIDIM."""
     simulation = simulate_window(x, experiment, recording, window)
-    place = f"recording '{recording.name}'"
+    where = f"recording '{recording.name}'"
     if not simulation.outcomes[0].completed:
-        raise FitError(f"{place}: the simulation {simulation.outcomes[0]}")
+        raise FitError(f"{where}: the simulation {simulation.outcomes[0]}")
     motion, tau = align(
         [simulation.q, simulation.dq, simulation.ddq],
         without_spikes(_torque(recording)[slice(*window)], experiment.signal),
         delay,
     )
-    return trimmed(recording, place, experiment.signal, motion, tau)
+    return trimmed(recording, where, experiment.signal, motion, tau)
 
 
 def _torque(recording: Recording) -> Array:
@@ -321,10 +321,10 @@ def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessi
     start, stop = window
     n = stop - start
     (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, recording.q.shape[1])), delay)
-    kept = index[signal.trim_start : len(index) - signal.trim_end, 0].astype(int)
-    for _, _, _, factor, first in decimation_stages(len(kept), signal):
-        kept = kept[first::factor]
-    return cast(Array, recording.t[start + kept[signal.kept_rows]])
+    samples = index[signal.trim_start : len(index) - signal.trim_end, 0].astype(int)
+    for _, _, _, factor, first in decimation_stages(len(samples), signal):
+        samples = samples[first::factor]
+    return cast(Array, recording.t[start + samples[signal.kept_rows]])
 
 
 def autocorrelation(parts: Sequence[Array], n_lags: int) -> Array:

@@ -179,7 +179,7 @@ def recording_errors(
     """
     start, stop = window
     signal = experiment.signal
-    kept = slice(signal.trim_start, stop - start - signal.trim_end)
+    inside = slice(signal.trim_start, stop - start - signal.trim_end)
     measured = {}
     if recording.has_positions:
         raw = recording.q[start:stop]
@@ -187,14 +187,14 @@ def recording_errors(
         measured = {"position": raw, "velocity": dq, "acceleration": ddq}
     if recording.tau is not None:
         measured["torque"] = recording.tau[start:stop]
-    found = {}
+    errors = {}
     of_name = dict(zip(("position", "velocity", "acceleration", "torque"), arrays, strict=True))
     for name, values in measured.items():
         simulated = of_name[name]
-        size = np.linalg.norm(values[kept], axis=0)
-        error = np.linalg.norm(simulated[kept] - values[kept], axis=0)
-        found[name] = quotient(error, size, np.nan)
-    return found
+        size = np.linalg.norm(values[inside], axis=0)
+        error = np.linalg.norm(simulated[inside] - values[inside], axis=0)
+        errors[name] = quotient(error, size, np.nan)
+    return errors
 
 
 def _recording(experiment: Experiment, name: str | None) -> Recording | None:

@@ -72,7 +72,7 @@ class Validation(Printed):
     @property
     def completed(self) -> bool:
         """Whether every simulation reached its end."""
-        return all(item.outcome is None or item.outcome.completed for item in self.recordings)
+        return all(recording.outcome is None or recording.outcome.completed for recording in self.recordings)
 
     def to_dict(self) -> dict[str, object]:
         """Everything, as plain lists and numbers; NaN and infinity become None."""
@@ -82,19 +82,19 @@ class Validation(Printed):
             "fit": self.fit.name,
             "experiment": self.experiment,
             "recordings": [
-                plain(item) | {"outcome": None if item.outcome is None else str(item.outcome)}
-                for item in self.recordings
+                plain(recording) | {"outcome": None if recording.outcome is None else str(recording.outcome)}
+                for recording in self.recordings
             ],
         }
 
     def __str__(self) -> str:
         lines = [f"{self.fit.name}, by {self.fit.method}, on {self.experiment}; relative errors in %"]
-        for item in self.recordings:
+        for recording in self.recordings:
             rows: dict[str, Array] = {}
-            if item.direct is not None:
-                rows["torque, predicted"] = item.direct
-            rows |= {f"{name}, simulated": values for name, values in item.simulated.items()}
-            lines += ["", f"recording '{item.name}'"]
+            if recording.direct is not None:
+                rows["torque, predicted"] = recording.direct
+            rows |= {f"{name}, simulated": values for name, values in recording.simulated.items()}
+            lines += ["", f"recording '{recording.name}'"]
             if rows:
                 n = len(next(iter(rows.values())))
                 width = max(map(len, rows))
@@ -103,9 +103,9 @@ class Validation(Printed):
                     f"{name:{width}}" + "".join(f"{100.0 * value:10.4g}" for value in values)
                     for name, values in rows.items()
                 ]
-            if item.outcome is not None and not item.outcome.completed:
-                lines.append(f"the simulation {item.outcome}")
-            if item.outcome is None:
+            if recording.outcome is not None and not recording.outcome.completed:
+                lines.append(f"the simulation {recording.outcome}")
+            if recording.outcome is None:
                 lines.append(
                     "not simulated: the experiment has no [controller] and [reference], or made-up gains"
                 )
@@ -183,7 +183,7 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     law = experiment.controller
     unknown = isinstance(law, ControllerSpec) and law.settings.get("kind") == "made-up"
     closed = experiment.reference is not None and law is not None and not unknown
-    found = []
+    recordings = []
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
         if recording.tau is not None and recording.has_positions:
@@ -198,5 +198,5 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
             if outcome.completed:
                 q, dq, ddq, tau = (values[0] for values in arrays)
                 simulated = recording_errors(experiment, recording, window, (q, dq, ddq, tau))
-        found.append(RecordingValidation(recording.name, direct, overall, simulated, outcome))
-    return Validation(fit, experiment.name, tuple(found))
+        recordings.append(RecordingValidation(recording.name, direct, overall, simulated, outcome))
+    return Validation(fit, experiment.name, tuple(recordings))

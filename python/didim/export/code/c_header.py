@@ -186,10 +186,10 @@ def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
     states = len(remembering(robot))
     inputs = [_inputs(graph, name, count) for name, count in (("dq", n), ("ddq", n), ("z", states))]
     results = model.torque(*inputs)
-    extra, said = (f", const double z[{states}]", ", states z of friction") if states else ("", "")
+    extra, words = (f", const double z[{states}]", ", states z of friction") if states else ("", "")
     return _function(
         f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}]{extra}, double tau[{n}])",
-        f"Torques of the inverse model at positions q, velocities dq, accelerations ddq{said}, friction included.",
+        f"Torques of the inverse model at positions q, velocities dq, accelerations ddq{words}, friction included.",
         graph,
         [(f"tau[{j}]", one) for j, one in enumerate(results)],
         ("q", "dq", "ddq", *(("z",) if states else ())),
@@ -335,10 +335,10 @@ def _bare(text: str) -> str:
     if not (text.startswith("(") and text.endswith(")")):
         return text
     depth = 0
-    for place, letter in enumerate(text):
+    for column, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
         if depth == 0:
-            return text[1:-1] if place == len(text) - 1 else text
+            return text[1:-1] if column == len(text) - 1 else text
     return text
 
 

@@ -285,11 +285,11 @@ class Equations:
     def _coupled(self) -> list[tuple[int, list[float]]]:
         """Return the motors that turn with several joints, with the coefficients of the joint speeds."""
         coupling = np.array(self.robot.geometry.coupling)
-        found = []
+        coupled = []
         for m, row in enumerate(coupling):
             if np.count_nonzero(row) > 1:
-                found.append((m, (row / row[m]).tolist()))
-        return found
+                coupled.append((m, (row / row[m]).tolist()))
+        return coupled
 
     def _links(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
         """Return the torques of the links; gravity is an acceleration of the base."""

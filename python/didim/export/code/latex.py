@@ -65,16 +65,16 @@ class _Symbolic:
     def sign(self, joint: int, speed: Any) -> Any:
         friction = self.robot.friction
         smooth = friction.coulomb == "tanh"
-        found = (
+        signed = (
             self.sympy.tanh(speed / self.number(friction.smoothing[joint]))
             if smooth
             else self.sympy.sign(speed)
         )
         zone = friction.dead_zone[joint]
         if not zone > 0.0:
-            return found
+            return signed
         # No friction in the dead zone: the unit step, theta in LaTeX.
-        return found * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
+        return signed * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
     def positive(self, value: Any) -> Any:
         return self.sympy.Max(value, 0)
@@ -164,13 +164,13 @@ def to_latex(robot: Robot) -> str:
         names |= {f"q{j}": f"q_{{{j}}}", f"dq{j}": rf"\dot q_{{{j}}}", f"ddq{j}": rf"\ddot q_{{{j}}}"}
     lines = []
     for j, terms in enumerate(model):
-        for place, (name, value) in enumerate(terms):
+        for term, (name, value) in enumerate(terms):
             known = {symbol: names[symbol.name] for symbol in value.free_symbols}
             text = sympy.latex(value, symbol_names=known, full_prec=False)
             if isinstance(value, sympy.Add) or text.startswith("-"):
                 text = rf"\left({text}\right)"
             product = _parameter(name) if value == 1 else rf"{_parameter(name)}\, {text}"
-            lines.append(rf"\tau_{{{j + 1}}} &= {product}" if place == 0 else rf"&\quad + {product}")
+            lines.append(rf"\tau_{{{j + 1}}} &= {product}" if term == 0 else rf"&\quad + {product}")
     return "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
 
 

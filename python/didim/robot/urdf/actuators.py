@@ -77,24 +77,24 @@ class Setting:
         def first(key: str, default: float) -> float:
             return _numbers(element, key, (default,), where)[0]
 
-        found = replace(
+        setting = replace(
             self, tag=tag, other={**self.other, **{key: given[key] for key in KEPT if key in given}}
         )
         if tag == "motor":
-            return replace(found, gaintype="fixed", biastype="none", dyntype="none", gain=1.0)
+            return replace(setting, gaintype="fixed", biastype="none", dyntype="none", gain=1.0)
         if tag == "velocity":
             kv = first("kv", self.gain)
-            return replace(found, gaintype="fixed", biastype="affine", gain=kv, bias=(0.0, 0.0, -kv))
+            return replace(setting, gaintype="fixed", biastype="affine", gain=kv, bias=(0.0, 0.0, -kv))
         if tag == "position":
             kp, kv = first("kp", self.gain), first("kv", -self.bias[2])
-            found = replace(found, gaintype="fixed", biastype="affine", gain=kp, bias=(0.0, -kp, -kv))
+            setting = replace(setting, gaintype="fixed", biastype="affine", gain=kp, bias=(0.0, -kp, -kv))
             if "timeconst" in given:
-                found = replace(found, dyntype="filterexact", lag_s=first("timeconst", 0.0))
-            return replace(found, ratio=bool(first("dampratio", 0.0)) or (self.ratio and "kv" not in given))
+                setting = replace(setting, dyntype="filterexact", lag_s=first("timeconst", 0.0))
+            return replace(setting, ratio=bool(first("dampratio", 0.0)) or (self.ratio and "kv" not in given))
         if tag != "general":
-            return replace(found, gaintype=tag)
+            return replace(setting, gaintype=tag)
         return replace(
-            found,
+            setting,
             gaintype=given.get("gaintype", self.gaintype),
             biastype=given.get("biastype", self.biastype),
             dyntype=given.get("dyntype", self.dyntype),
@@ -145,7 +145,7 @@ def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[El
         Setting(),
         lambda own, child: own.with_element(child, where) if child.tag in SHORTCUTS else own,
     )
-    found: dict[str, tuple[Element, Setting]] = {}
+    settings: dict[str, tuple[Element, Setting]] = {}
     for section in sections:
         for element in section.children if section.tag == "actuator" else ():
             joint = element.attributes.get("joint")
@@ -154,8 +154,8 @@ def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[El
                 continue
             if name not in defaults:
                 raise RobotError(f"{where}: line {element.line}: there is no default class {name!r}")
-            found[joint] = element, defaults[name].with_element(element, where)
-    return found
+            settings[joint] = element, defaults[name].with_element(element, where)
+    return settings
 
 
 def read_actuators(
@@ -179,11 +179,11 @@ def read_actuators(
     RobotError
         For an unknown class, or a text in place of numbers.
     """
-    found: dict[str, Actuator] = {name: Actuator(effort=limit) for name, limit in own_limits.items()}
+    actuators: dict[str, Actuator] = {name: Actuator(effort=limit) for name, limit in own_limits.items()}
     unread: list[str] = []
     for joint, (element, setting) in actuator_settings(sections, where).items():
         try:
-            found[joint] = _on_joint(setting, own_limits.get(joint), autolimits)
+            actuators[joint] = _on_joint(setting, own_limits.get(joint), autolimits)
         except ValueError:
             raise RobotError(
                 f"{where}: line {element.line}: ranges and gear of the actuator of {joint!r} must be numbers"
@@ -192,9 +192,9 @@ def read_actuators(
             unread.append(
                 f"kv of the actuator of {joint}, which MuJoCo computes of dampratio (mj_saveLastXML writes it)"
             )
-        elif found[joint].kp is None and setting.tag not in ("motor", "general", "velocity"):
+        elif actuators[joint].kp is None and setting.tag not in ("motor", "general", "velocity"):
             unread.append(f"the actuator <{setting.tag}> of {joint}")
-    return found, unread
+    return actuators, unread
 
 
 def _on_joint(setting: Setting, own_limit: float | None, autolimits: bool) -> Actuator:

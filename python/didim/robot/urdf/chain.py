@@ -95,7 +95,7 @@ class Chain:
     def numbered(self) -> Chain:
         """Return the chain with driven joints numbered first, coupled ones last."""
         order = self.order
-        places = {joint: place for place, joint in enumerate(order)}
+        places = {joint: column for column, joint in enumerate(order)}
         return replace(
             self,
             joints=tuple(self.joints[k] for k in order),
@@ -114,15 +114,15 @@ class Chain:
 
     def pseudo_inertias(self, description: Description) -> list[Array]:
         """Pseudo-inertia (4, 4) of each group in the frame of its moving link."""
-        found = []
+        inertias = []
         for group in self.groups:
             total = np.zeros((4, 4))
             for member in group:
                 inertial = description.links[member.link]
                 if inertial is not None:
                     total += member.pose @ inertial.pseudo @ member.pose.T
-            found.append(total)
-        return found
+            inertias.append(total)
+        return inertias
 
 
 def choose_chain(
@@ -171,10 +171,10 @@ def choose_chain(
         path = _branches(description, base)
         moving = _heaviest(description, [joint for joint in path if _free(joint, lock)])
     else:
-        found = description.path(base, tip)
-        if found is None:
+        links_between = description.path(base, tip)
+        if links_between is None:
             raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
-        path = found
+        path = links_between
         moving = [joint for joint in path if _free(joint, lock)]
     mimics = _mimics(joints, moving, lock)
     moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
@@ -187,7 +187,7 @@ def _mimics(
 ) -> dict[str, tuple[str, float, float]]:
     """Return driven joint, multiplier and offset of each coupled joint; those with a locked leader join `lock`."""
     names = {joint.name for joint in moving}
-    found: dict[str, tuple[str, float, float]] = {}
+    mimics: dict[str, tuple[str, float, float]] = {}
     for joint in joints.values():
         if joint.mimic is None or joint.kind not in MOVING or joint.name in lock:
             continue
@@ -203,22 +203,22 @@ def _mimics(
             seen.add(leader.name)
         if factor and leader.name in names:
             if joint.name in names:
-                found[joint.name] = (leader.name, factor, offset)
+                mimics[joint.name] = (leader.name, factor, offset)
         else:
             value = offset + factor * lock.get(leader.name, 0.0)
             if value:
                 lock[joint.name] = value
-    return found
+    return mimics
 
 
 def _branches(description: Description, base: str) -> list[UrdfJoint]:
     """All joints that a link carries, branch by branch."""
-    found: list[UrdfJoint] = []
+    tree: list[UrdfJoint] = []
     waiting = list(reversed(description.outgoing.get(base, ())))
     while waiting:
-        found.append(waiting.pop())
-        waiting += reversed(description.outgoing.get(found[-1].child, ()))
-    return found
+        tree.append(waiting.pop())
+        waiting += reversed(description.outgoing.get(tree[-1].child, ()))
+    return tree
 
 
 def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoint]:
@@ -233,8 +233,8 @@ def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoi
         )
     # A joint carries more than those behind it; of equal loads the last joint of the file is dropped first.
     order = sorted(range(len(moving)), key=lambda k: (-mass[moving[k].child], k))
-    kept = sorted(order[:LARGEST_CHAIN])
-    return [moving[k] for k in kept]
+    numbers = sorted(order[:LARGEST_CHAIN])
+    return [moving[k] for k in numbers]
 
 
 def _check_joints(where: str, moving: list[UrdfJoint]) -> None:

@@ -172,10 +172,10 @@ class Description:
 
     def carried(self, *links: str) -> list[str]:
         """Return links and their descendants, each after its parent."""
-        found = list(links)
-        for link in found:  # which grows meanwhile
-            found += [joint.child for joint in self.outgoing.get(link, ())]
-        return found
+        links_carried = list(links)
+        for link in links_carried:  # which grows meanwhile
+            links_carried += [joint.child for joint in self.outgoing.get(link, ())]
+        return links_carried
 
     def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
         """Return the joints from a link to a descendant, or None if it is not one."""

@@ -80,7 +80,7 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
     return DriveElements(
         joints={joint.name: joint for joint in reader.joints.values() if joint.moves},
         elements={name: element for name, element in reader.elements.items() if id(element) in own},
-        settings={name: found for name, found in settings.items() if id(found[0]) in own},
+        settings={name: setting for name, setting in settings.items() if id(setting[0]) in own},
         actuators=actuators,
         degrees=reader.compiler.degrees,
         integrator=integrator,

@@ -32,7 +32,7 @@ def chain_of_names(path: Path, names: Sequence[str]) -> tuple[str, list[str]] | 
     """
     description = read_description(path.read_bytes(), path.name)
     joints = {joint.name: joint for joint in description.joints.values() if joint.kind in MOVING}
-    named = {found for name in names if (found := _longest(name, list(joints)))}
+    named = {joint_name for name in names if (joint_name := _longest(name, list(joints)))}
     best: list[tuple[str, list[str]]] = []
     for name in named:
         path_there = description.path(description.root, joints[name].child) or []

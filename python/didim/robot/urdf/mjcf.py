@@ -85,8 +85,8 @@ class Reader:
 
     def frame(self, element: Element, attributes: Mapping[str, str]) -> Array:
         """Pose (4, 4) of an element in its parent, from ``pos`` and one of the five orientations."""
-        place = self.numbers(element, attributes, "pos", 0.0, 0.0, 0.0)
-        return pose(self._rotation(element, attributes), place)
+        position = self.numbers(element, attributes, "pos", 0.0, 0.0, 0.0)
+        return pose(self._rotation(element, attributes), position)
 
     def _rotation(self, element: Element, attributes: Mapping[str, str]) -> Array:
         if "quat" in attributes:
@@ -95,12 +95,12 @@ class Reader:
             four = self.numbers(element, attributes, "axisangle", 0.0, 0.0, 1.0, 0.0)
             return turn(_unit(four[:3]), self.angle(float(four[3])))
         if "euler" in attributes:
-            found = np.eye(3)
+            rotation = np.eye(3)
             angles = self.numbers(element, attributes, "euler", 0.0, 0.0, 0.0)
             for letter, angle in zip(self.compiler.eulerseq, angles, strict=True):
                 step = turn(np.eye(3)["xyz".index(letter.lower())], self.angle(float(angle)))
-                found = found @ step if letter.islower() else step @ found
-            return found
+                rotation = rotation @ step if letter.islower() else step @ rotation
+            return rotation
         if "xyaxes" in attributes:
             six = self.numbers(element, attributes, "xyaxes", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
             x = _unit(six[:3])
@@ -221,10 +221,10 @@ class Reader:
 
         def first_of(key: str, *usual: float) -> tuple[float, float]:
             words = given.get(key, "").split()[:2]
-            found = self.numbers(
+            numbers = self.numbers(
                 element, {key: " ".join(words)} if words else {}, key, *usual[: len(words) or 2]
             )
-            first, second = np.append(found, usual[len(found) :])
+            first, second = np.append(numbers, usual[len(numbers) :])
             return float(first), float(second)
 
         limit = LEAST_IMPEDANCE
@@ -291,7 +291,7 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     driven, unread = _with_actuators(sections, reader, where)
     joints = tied(sections, driven, where)
     outgoing = {
-        link: tuple(joints[joint.child] for joint in found) for link, found in reader.outgoing.items()
+        link: tuple(joints[joint.child] for joint in children) for link, children in reader.outgoing.items()
     }
     notes = []
     if reader.meshes:
@@ -361,8 +361,8 @@ def _with_actuators(
     """Return the joints with their actuators, and sentences on unsupported actuators."""
     actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
     joints = {
-        child: replace(joint, actuator=found, effort=found.effort)
-        if (found := actuators.get(joint.name)) is not None
+        child: replace(joint, actuator=actuator, effort=actuator.effort)
+        if (actuator := actuators.get(joint.name)) is not None
         else joint
         for child, joint in reader.joints.items()
     }

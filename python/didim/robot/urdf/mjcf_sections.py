@@ -82,21 +82,21 @@ def by_class(
     sections: list[Element], outermost: _Defaults, extended: Callable[[_Defaults, Element], _Defaults]
 ) -> dict[str, _Defaults]:
     """Return the defaults of each class: those of the class around it, extended by each element of its own."""
-    found = {"main": outermost}
+    defaults = {"main": outermost}
 
     def read(element: Element, name: str) -> None:
         for child in element.children:
             if child.tag != "default":
-                found[name] = extended(found[name], child)
+                defaults[name] = extended(defaults[name], child)
         for child in element.all("default"):
             inner = child.attributes.get("class", "")
-            found[inner] = found[name]
+            defaults[inner] = defaults[name]
             read(child, inner)
 
     for section in sections:
         if section.tag == "default":
             read(section, "main")
-    return found
+    return defaults
 
 
 def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> dict[str, UrdfJoint]:
@@ -128,9 +128,9 @@ def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> d
 
 def sprung_tendons(sections: list[Element], defaults: Defaults) -> list[str]:
     """Return the names of tendons with a stiffness."""
-    found = []
+    sprung = []
     for element in (child for section in sections if section.tag == "tendon" for child in section.children):
         own = defaults.get(element.attributes.get("class", "main"), {}).get("tendon", {})
         if {**own, **element.attributes}.get("stiffness", "0").strip("0. "):
-            found.append(element.attributes.get("name", f"line {element.line}"))
-    return found
+            sprung.append(element.attributes.get("name", f"line {element.line}"))
+    return sprung

@@ -166,7 +166,7 @@ def _table(
     straight = (
         chain.parents == in_line(len(chain.joints))
         and not chain.mimics
-        and not any(found.parallel and found.joint for found in snapped.left)
+        and not any(nearly.parallel and nearly.joint for nearly in snapped.left)
     )
     # Common normals lose digits where axes are far apart; the placements are then copied.
     for table in (common_normals(snapped.origins, snapped.axes), as_given) if straight else (as_given,):
@@ -233,10 +233,10 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
     """Sentence on angles that are nearly right."""
     if not left:
         return None
-    names = series((chain.joints[found.joint].name for found in left), 60)
-    largest = max(found.angle for found in left)
+    names = series((chain.joints[angle.joint].name for angle in left), 60)
+    largest = max(angle.angle for angle in left)
     nearly = next(
-        (found for found in left if found.parallel and chain.parents[found.joint] is not None), None
+        (angle for angle in left if angle.parallel and chain.parents[angle.joint] is not None), None
     )
     if nearly is not None:
         parent = chain.parents[nearly.joint]
@@ -299,14 +299,14 @@ def _followers(chain: Chain) -> tuple[Follower, ...]:
 def _springs(chain: Chain) -> dict[int, tuple[float, float]]:
     """Return stiffness and torque at position zero of the springs by joint: that of a coupled joint acts on its leader."""
     numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
-    found: dict[int, tuple[float, float]] = {}
+    springs: dict[int, tuple[float, float]] = {}
     for joint in chain.joints:
         leader, factor, offset = chain.mimics.get(joint.name, (joint.name, 1.0, 0.0))
         if joint.stiffness:
-            stiffness, torque = found.get(numbers[leader], (0.0, 0.0))
+            stiffness, torque = springs.get(numbers[leader], (0.0, 0.0))
             torque += factor * joint.stiffness * (offset - joint.rest)
-            found[numbers[leader]] = (stiffness + factor**2 * joint.stiffness, torque)
-    return found
+            springs[numbers[leader]] = (stiffness + factor**2 * joint.stiffness, torque)
+    return springs
 
 
 def _friction(n: int, springs: Mapping[int, tuple[float, float]]) -> Friction:

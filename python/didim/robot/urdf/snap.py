@@ -22,14 +22,14 @@ from ..rigid_body import pose, turn
 
 def _cube() -> Array:
     """Return the 24 rotations that exchange the axes of a frame, (24, 3, 3)."""
-    found = []
+    rotations = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             rotation = np.zeros((3, 3))
             rotation[range(3), order] = signs
             if np.linalg.det(rotation) > 0.0:
-                found.append(rotation)
-    return np.array(found)
+                rotations.append(rotation)
+    return np.array(rotations)
 
 
 CUBE = _cube()

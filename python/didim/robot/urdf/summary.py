@@ -30,12 +30,12 @@ def summary(reading: UrdfReading) -> str:
         f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}  {'offset mm':>9}  "
         f"{'turn deg':>8}  link",
     ]
-    for j, (row, place) in enumerate(zip(reading.table.rows, places.links, strict=True)):
-        matrix = place.matrix
+    for j, (row, transform) in enumerate(zip(reading.table.rows, places.links, strict=True)):
+        matrix = transform.matrix
         cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(matrix[:3, :3])) - 1.0)))
-        link = " + ".join((place.link, *place.lumped, *place.locked))
+        link = " + ".join((transform.link, *transform.lumped, *transform.locked))
         lines.append(
-            f"{j + 1:2} {place.joint:{width}}  {robot.geometry.kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
+            f"{j + 1:2} {transform.joint:{width}}  {robot.geometry.kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
             f"{math.degrees(row.theta):9.6g}  {row.r:8.5g}  {1e3 * float(np.linalg.norm(matrix[:3, 3])):9.4g}  "
             f"{math.degrees(math.acos(cosine)):8.4g}  {link}"
         )

@@ -47,24 +47,24 @@ def random_states(n_dof: int) -> States:
 
 def bodies(groups: Sequence[Sequence[Member]], links: dict[str, Inertial | None]) -> list[list[Body]]:
     """Return the links with inertia of each group."""
-    found = []
+    bodies_so_far = []
     for group in groups:
         pairs = ((links[member.link], member.pose) for member in group)
-        found.append([Body(inertial, pose) for inertial, pose in pairs if inertial is not None])
-    return found
+        bodies_so_far.append([Body(inertial, pose) for inertial, pose in pairs if inertial is not None])
+    return bodies_so_far
 
 
 def made_up_bodies(n_dof: int) -> list[list[Body]]:
     """Return one body per joint, for files without inertias; each link has its own mass, centre and moments."""
-    found = []
+    made_up = []
     for joint in range(n_dof):
         frame = np.eye(4)
         frame[:3, 3] = 0.02 * (joint + 1), -0.03, 0.1 - 0.01 * joint
         inertia = np.array(
             [[0.05, 0.004, -0.003], [0.004, 0.04, 0.002], [-0.003, 0.002, 0.03 + 0.002 * joint]]
         )
-        found.append([Body(Inertial(4.0 - 0.4 * joint / n_dof, frame, inertia), np.eye(4))])
-    return found
+        made_up.append([Body(Inertial(4.0 - 0.4 * joint / n_dof, frame, inertia), np.eye(4))])
+    return made_up
 
 
 def torques_by_summation(
@@ -109,11 +109,11 @@ def torques_by_summation(
     torque = np.zeros((n_states, n_dof))
     for joint, kind in enumerate(kinds):
         parent = parents[joint]
-        rotation, place, speed, turning, acceleration = base if parent is None else motions[parent]
+        rotation, position, speed, turning, acceleration = base if parent is None else motions[parent]
         q, dq, ddq = (values[:, joint, None] for values in (states.q, states.dq, states.ddq))
         arm = rotation @ origins[joint][:3, 3]
         acceleration = acceleration + np.cross(turning, arm) + np.cross(speed, np.cross(speed, arm))
-        place = place + arm
+        position = position + arm
         rotation = rotation @ origins[joint][:3, :3]
         axis = rotation @ axes[joint]
         if kind == "prismatic":
@@ -125,16 +125,16 @@ def torques_by_summation(
                 + 2.0 * np.cross(speed, axis * dq)
                 + axis * ddq
             )
-            place = place + slide
+            position = position + slide
         else:
             rotation = rotation @ _turns(axes[joint], states.q[:, joint])
             turning = turning + axis * ddq + np.cross(speed, axis * dq)
             speed = speed + axis * dq
-        motions.append((rotation, place, speed, turning, acceleration))
-        joint_places.append(place)
+        motions.append((rotation, position, speed, turning, acceleration))
+        joint_places.append(position)
         joint_axes.append(axis)
         for body in links[joint]:
-            force, moment, centre = _effort(body, rotation, place, speed, turning, acceleration)
+            force, moment, centre = _effort(body, rotation, position, speed, turning, acceleration)
             for i in carriers(parents, joint):
                 slides = kinds[i] == "prismatic"
                 effect = force if slides else moment + np.cross(centre - joint_places[i], force)
@@ -143,7 +143,7 @@ def torques_by_summation(
 
 
 def _effort(
-    body: Body, rotation: Array, place: Array, speed: Array, turning: Array, acceleration: Array
+    body: Body, rotation: Array, position: Array, speed: Array, turning: Array, acceleration: Array
 ) -> tuple[Array, Array, Array]:
     """Return force on a body, moment about its centre of mass, and this centre, (n_states, 3) each."""
     frame = body.pose @ body.inertial.frame
@@ -155,7 +155,7 @@ def _effort(
     inertia = to_body @ body.inertial.inertia @ np.swapaxes(to_body, 1, 2)
     moment = np.einsum("sij,sj->si", inertia, turning)
     moment += np.cross(speed, np.einsum("sij,sj->si", inertia, speed))
-    return force, moment, place + arm
+    return force, moment, position + arm
 
 
 def _turns(axis: Array, angles: Array) -> Array:

@@ -94,15 +94,15 @@ def shortest_s(torque: Array, limits: Array, rate_hz: float, threshold: float) -
     """
     values = np.clip(torque, -limits, limits)
     values = values - values.mean(axis=0)
-    found = np.zeros(values.shape[1])
+    lengths = np.zeros(values.shape[1])
     for joint, column in enumerate(values.T):
         spectrum = np.abs(np.fft.rfft(column, 2 * len(column))) ** 2
         correlation = np.fft.irfft(spectrum)[: len(column)]
         if correlation[0] > 0.0:
             times = 2.0 * np.cumsum(correlation) / correlation[0] - 1.0
             wide = np.flatnonzero(np.arange(len(times)) >= SOKAL * times)
-            found[joint] = times[wide[0]] if wide.size else times[-1]
-    return np.asarray(np.sqrt(2.0 * np.pi) * found / rate_hz / threshold)
+            lengths[joint] = times[wide[0]] if wide.size else times[-1]
+    return np.asarray(np.sqrt(2.0 * np.pi) * lengths / rate_hz / threshold)
 
 
 def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = SHORTEST_S) -> list[Contact]:
@@ -125,7 +125,7 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))
-    found = []
+    touched = []
     for start, stop in merged:
         if t[stop - 1] - t[start] < SHORTEST_S:
             continue
@@ -135,7 +135,7 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
             continue
         joints = [int(joint) for joint in np.argsort(-clear) if clear[joint] > 1.0]
         places = [start + int(np.argmax(np.abs(torque[start:stop, joint]))) for joint in joints]
-        found.append(
+        touched.append(
             Contact(
                 start_s=float(t[start]),
                 stop_s=float(t[stop - 1]),
@@ -143,7 +143,7 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
                 peak=tuple(float(torque[k, joint]) for k, joint in zip(places, joints, strict=True)),
             )
         )
-    return found
+    return touched
 
 
 def clearly_loaded(ten: Array, std: Array) -> bool:
@@ -187,17 +187,17 @@ def payload_change(
     solutions = np.linalg.solve(grams[places] + ridge, scores[places][:, :, None])[:, :, 0]
     gains = np.einsum("ck,ck->c", solutions, scores[places])
     best = int(np.argmax(gains))
-    place, theta = int(places[best]), solutions[best]
-    noise = max((squares[place] - gains[best]) / max(1, (rows - place) * residual.shape[1]), 1.0)
-    std = np.sqrt(noise * np.diag(np.linalg.inv(grams[place] + ridge)))
+    column, theta = int(places[best]), solutions[best]
+    noise = max((squares[column] - gains[best]) / max(1, (rows - column) * residual.shape[1]), 1.0)
+    std = np.sqrt(noise * np.diag(np.linalg.inv(grams[column] + ridge)))
     clear = np.abs(theta) > CLEAR_SIGMA * std
     # A payload stays while a contact ends: the later half of the rows after the change must support it too.
-    half = place + (rows - place) // 2
+    half = column + (rows - column) // 2
     later = 2.0 * theta @ scores[half] - theta @ grams[half] @ theta
     known = [k for k, index in enumerate(names) if INERTIAL[index] in ("M", "MX", "MY", "MZ")]
     if (
         gains[best] < CLEAR_PAYLOAD_GAIN * noise
-        or gains[best] < CLEAR_SHARE * squares[place]
+        or gains[best] < CLEAR_SHARE * squares[column]
         or later < CLEAR_SHARE * squares[half]
         or not clear[known].any()
     ):
@@ -206,8 +206,8 @@ def payload_change(
     scale = np.where(size > 0.0, size, np.inf)
     change[list(names)], spread[list(names)] = theta / scale, std / scale
     return PayloadChange(
-        start_s=float(t[place]),
-        whole=place <= rows // 50,
+        start_s=float(t[column]),
+        whole=column <= rows // 50,
         change=tuple(change.tolist()),
         std=tuple(spread.tolist()),
     )

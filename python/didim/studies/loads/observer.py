@@ -68,9 +68,9 @@ def observe(
     q, tau = (_before(0.5 * (values[1:] + values[:-1])) for values in (q, tau))
     still = np.zeros_like(q)
 
-    def momentum(place: Array) -> Array:
+    def momentum(p: Array) -> Array:
         # Without speed there is no friction; gravity and offsets cancel.
-        return inverse_dynamics(robot, place, still, dq, x) - inverse_dynamics(robot, place, still, still, x)
+        return inverse_dynamics(robot, p, still, dq, x) - inverse_dynamics(robot, p, still, still, x)
 
     p = momentum(q)
     turning = (momentum(q + STEP_S * dq) - momentum(q - STEP_S * dq)) / (2.0 * STEP_S)

@@ -103,13 +103,13 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     solved = _solve(fit, system, parameters, job.settings)
     payload = experiment.payloads[name]
     known, columns, names = payload.split
-    block, place = next(
-        (block, place)
-        for block, place in parameters.slices()
+    block, entries = next(
+        (block, entries)
+        for block, entries in parameters.slices()
         if (block.kind, block.owner) == ("payload", name)
     )
-    chosen = columns[:, [names.index(item) for item in block.names]]
-    theta, covariance = solved.theta[place], solved.covariance[place, place]
+    chosen = columns[:, [names.index(entry) for entry in block.names]]
+    theta, covariance = solved.theta[entries], solved.covariance[entries, entries]
     sizes = system.norms(system.measured)
     estimate = PayloadEstimate(
         name=name,
@@ -122,17 +122,17 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
         n_blocks=solved.n_blocks,
         relative_error=system.norms(solved.residual) / np.where(sizes > 0.0, sizes, np.nan),
         offsets={
-            item.full_names[k]: (
+            entry.full_names[k]: (
                 float(solved.theta[where][k]),
                 float(np.sqrt(solved.covariance[where, where][k, k])),
             )
-            for item, where in parameters.slices()
-            if item.kind in ("offset", "friction")
-            for k in range(len(item.names))
+            for entry, where in parameters.slices()
+            if entry.kind in ("offset", "friction")
+            for k in range(len(entry.names))
         },
     )
     if len(block.names) < len(names):
-        missing = [item for item in names if item not in block.names]
+        missing = [entry for entry in names if entry not in block.names]
         return replace(
             estimate,
             remarks=(f"this arm cannot identify {', '.join(missing)}, so there is no complete body",),
@@ -142,13 +142,14 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
 
 def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experiment, str]:
     """Return the experiment whose recordings name the unknown payload, and its name."""
-    fitted = [item for item in experiment.recordings if item.role == "fit"]
+    fitted = [recording for recording in experiment.recordings if recording.role == "fit"]
     if not fitted:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
-    used = sorted({item.payload for item in fitted})
+    used = sorted({recording.payload for recording in fitted})
     if used == [NOTHING]:
         recordings = [
-            replace(item, payload=UNNAMED) if item.role == "fit" else item for item in experiment.recordings
+            replace(recording, payload=UNNAMED) if recording.role == "fit" else recording
+            for recording in experiment.recordings
         ]
         payloads = {**experiment.payloads, UNNAMED: Payload(name=UNNAMED)}
         return replace(experiment, recordings=tuple(recordings), payloads=payloads), UNNAMED
@@ -215,8 +216,8 @@ def _root(covariance: Array) -> Array:
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > EXACT_VARIANCE * values[-1]
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+    known = values > EXACT_VARIANCE * values[-1]
+    return np.asarray(scale[:, None] * vectors[:, known] * np.sqrt(values[known]))
 
 
 def _with_body(

@@ -19,7 +19,7 @@ from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ..._tools.saved import plain
 from ..._tools.settings import positive
-from ...errors import DidimError, FitError
+from ...errors import DidimError, ExperimentError, FitError
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
 from ...methods.job import Delay
@@ -119,25 +119,25 @@ class Residual(Pickled, Printed):
     @property
     def quiet(self) -> bool:
         """Whether neither a contact nor a payload change was detected."""
-        return not any(item.contacts or item.payload_change for item in self.windows)
+        return not any(window.contacts or window.payload_change for window in self.windows)
 
     def __str__(self) -> str:
         lines = [f"external torques in {self.log}, with the robot {self.robot} of {self.fit} (N.m or N)"]
-        for item in self.windows:
-            n = item.torque.shape[1]
+        for window in self.windows:
+            n = window.torque.shape[1]
             rows = [
                 ("", *(f"joint {joint + 1}" for joint in range(n))),
-                ("rms along the motion", *(f"{value:.3f}" for value in rms(item.torque))),
-                ("sigma of the prediction", *(f"{value:.3f}" for value in rms(item.std))),
-                ("rms of the observer", *(f"{value:.3f}" for value in rms(item.observed))),
-                ("its limit, median", *(f"{value:.3f}" for value in np.median(item.limits, axis=0))),
+                ("rms along the motion", *(f"{value:.3f}" for value in rms(window.torque))),
+                ("sigma of the prediction", *(f"{value:.3f}" for value in rms(window.std))),
+                ("rms of the observer", *(f"{value:.3f}" for value in rms(window.observed))),
+                ("its limit, median", *(f"{value:.3f}" for value in np.median(window.limits, axis=0))),
             ]
-            lines += ["", f"recording '{item.recording}', {item.t[0]:.3f} to {item.t[-1]:.3f} s"]
+            lines += ["", f"recording '{window.recording}', {window.t[0]:.3f} to {window.t[-1]:.3f} s"]
             lines += table_lines(rows)
-            found_contacts = [str(contact) for contact in item.contacts]
-            if item.payload_change is not None:
-                found_contacts.insert(0, str(item.payload_change))
-            lines += found_contacts or ["no external torque"]
+            pushes = [str(contact) for contact in window.contacts]
+            if window.payload_change is not None:
+                pushes.insert(0, str(window.payload_change))
+            lines += pushes or ["no external torque"]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -150,15 +150,15 @@ class Residual(Pickled, Printed):
             "quiet": self.quiet,
             "windows": [
                 {
-                    "recording": item.recording,
-                    "rms": rms(item.torque).tolist(),
-                    "std": rms(item.std).tolist(),
-                    "observer_rms": rms(item.observed).tolist(),
-                    "observer_limit": np.median(item.limits, axis=0).tolist(),
-                    "contacts": plain(item.contacts),
-                    "payload_change": plain(item.payload_change),
+                    "recording": window.recording,
+                    "rms": rms(window.torque).tolist(),
+                    "std": rms(window.std).tolist(),
+                    "observer_rms": rms(window.observed).tolist(),
+                    "observer_limit": np.median(window.limits, axis=0).tolist(),
+                    "contacts": plain(window.contacts),
+                    "payload_change": plain(window.payload_change),
                 }
-                for item in self.windows
+                for window in self.windows
             ],
         }
 
@@ -172,10 +172,10 @@ class Residual(Pickled, Printed):
             *(f"std_{joint + 1}" for joint in range(n)),
         ]
         lines = [",".join(head)]
-        for item in self.windows:
-            for t, torque, std in zip(item.t, item.torque, item.std, strict=True):
+        for window in self.windows:
+            for t, torque, std in zip(window.t, window.torque, window.std, strict=True):
                 numbers = ",".join(f"{value:.6g}" for value in (*torque, *std))
-                lines.append(f"{item.recording},{t:.6f},{numbers}")
+                lines.append(f"{window.recording},{t:.6f},{numbers}")
         return "\n".join(lines) + "\n"
 
 
@@ -210,6 +210,8 @@ def residual_torques(
     ------
     FitError
         For another robot, an unknown payload, or a result without standard deviations.
+    ExperimentError
+        For a recording that is shorter than the observer takes to settle.
     DidimError
         As for a validation.
 
@@ -226,7 +228,7 @@ def residual_torques(
     predictions = predict(fit, experiment, role="all", motion="measured", as_fitted=False)
     loaded = standard_in(fit, experiment, experiment.robot)
     windows = iter(predictions)
-    found = []
+    windows_seen = []
     for number, recording in enumerate(experiment.recordings):
         for window in range(len(recording.windows)):
             prediction = next(windows)
@@ -234,7 +236,7 @@ def residual_torques(
                 raise FitError(
                     f"the result '{fit.name}' has no standard deviations: they are needed for the limits"
                 )
-            found.append(
+            windows_seen.append(
                 _window(
                     fit,
                     experiment,
@@ -250,7 +252,7 @@ def residual_torques(
         fit=fit.name,
         log=experiment.name,
         robot=fit.robot,
-        windows=tuple(found),
+        windows=tuple(windows_seen),
         joint_names=experiment.robot.joint_names,
         settings={"bandwidth_hz": bandwidth_hz, "threshold": threshold},
     )
@@ -277,14 +279,20 @@ def _window(
         shift,
     )
     rate = recording.rate_hz
-    found = observe(experiment.robot, x, q, tau, rate, bandwidth_hz=bandwidth_hz)
-    observed = found.torque
+    observer = observe(experiment.robot, x, q, tau, rate, bandwidth_hz=bandwidth_hz)
+    observed = observer.torque
     when = times[:, 0]
-    settled = when - when[0] > SETTLING / (2.0 * np.pi * bandwidth_hz)
+    settling_s = SETTLING / (2.0 * np.pi * bandwidth_hz)
+    settled = when - when[0] > settling_s
+    if not settled.any():
+        raise ExperimentError(
+            f"recording '{recording.name}': an observer of {bandwidth_hz:g} Hz settles in {settling_s:.2g} s, and the recording "
+            f"has {when[-1] - when[0]:.2g} s"
+        )
     own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
     predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
     # Errors of the time stamps are proportional to the momentum: they are largest at high speed.
-    late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(found.momentum)
+    late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(observer.momentum)
     limits = threshold * np.hypot(np.maximum(predicted, own), late)
     limits += _reversals(experiment.robot, x, q, rate, bandwidth_hz)
     seen = np.where(settled[:, None], observed, 0.0)
@@ -292,9 +300,9 @@ def _window(
     if change is not None:
         change = _weighed(fit, experiment, recording, window, x, change)
     shortest = shortest_s(observed[settled], limits[settled], rate, threshold)
-    found_contacts = contacts(when, seen, limits, shortest)
+    pushes = contacts(when, seen, limits, shortest)
     if change is not None:
-        found_contacts = [contact for contact in found_contacts if contact.stop_s < change.start_s]
+        pushes = [contact for contact in pushes if contact.stop_s < change.start_s]
     return ExternalTorque(
         recording=recording.name,
         t=t,
@@ -304,7 +312,7 @@ def _window(
         observer_t=when,
         observed=seen,
         limits=limits,
-        contacts=tuple(found_contacts),
+        contacts=tuple(pushes),
         payload_change=change,
     )
 
@@ -366,9 +374,9 @@ def _weighed(
     # With the parameters of this recording, payload included, the estimate is the change.
     here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
     try:
-        found = identify_payload(here, replace(experiment, recordings=(rest,)))
+        payload_fit = identify_payload(here, replace(experiment, recordings=(rest,)))
     except DidimError:  # too few rows after the change to estimate it
         return replace(change, std=(0.0,) * len(change.std))
-    if not clearly_loaded(found.ten, found.std):
+    if not clearly_loaded(payload_fit.ten, payload_fit.std):
         return None
-    return replace(change, change=tuple(found.ten.tolist()), std=tuple(found.std.tolist()))
+    return replace(change, change=tuple(payload_fit.ten.tolist()), std=tuple(payload_fit.std.tolist()))
