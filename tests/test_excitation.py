@@ -309,7 +309,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
             {"position": [(1.0, 1.0), (-1.0, 1.0)]},
             r"joint 1 has no room: its positions are limited to \[1, 1\]",
         ),
-        ({"velocity": (1.0, 0.0)}, "the velocity limit of joint 2 must be positive, got 0"),
+        ({"velocity": (1.0, 0.0)}, "the velocity limit of joint 2 must lie between 1e-09 and"),
         (
             {"torque": 0.5, "position": [(-0.2, 0.2)] * 2},
             "the limits leave no room: in none of 2000 random poses",
@@ -327,7 +327,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
         ),
         ({"friction": {"dead_zone_rad_s": 1e18}}, "the friction of robot 'planar2' hides Fc1: its dead zone"),
         ({"torque_noise": 1e300}, r"torque_noise needs .* at most 1e\+30, got 1e\+300"),
-        ({"acceleration": 1e-320}, "the information of the motion is beyond floating point"),
+        ({"acceleration": 1e-320}, "the acceleration limit of joint 1 must lie between 1e-09 and 1e"),
         ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
 )

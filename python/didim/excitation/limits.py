@@ -15,6 +15,8 @@ from .._tools.words import counted
 from ..errors import ExcitationError
 from ..robot.robot import Robot
 
+LARGEST_LIMIT = 1e9
+"""Largest limit of a motion (SI), and inverse of the smallest: squares of its numbers stay far from the ends of floating point."""
 ACCELERATION_TIME = 0.25
 """Time (s) to reach the velocity limit where no acceleration limit is known; the report says where it was used."""
 
@@ -99,7 +101,7 @@ def motion_limits(
     Raises
     ------
     ExcitationError
-        For a joint without position or velocity limits, and for a limit that is not positive; the sentence names the joint.
+        For a joint without position or velocity limits, and for a limit out of range; the sentence names the joint.
     """
     n = robot.n_dof
     if not 0.0 < margin <= 1.0:
@@ -114,7 +116,7 @@ def motion_limits(
                 f"robot {robot.name!r} has no position limits for joint {joint + 1}: give them in its file, or to excite"
             )
         low, high = (float(value) for value in pair)
-        if not (np.isfinite([low, high]).all() and low < high):
+        if not (low >= -LARGEST_LIMIT and low + 1.0 / LARGEST_LIMIT <= high <= LARGEST_LIMIT):
             raise ExcitationError(
                 f"joint {joint + 1} has no room: its positions are limited to [{low:g}, {high:g}]"
             )
@@ -148,7 +150,10 @@ def motion_limits(
 def _values(robot: Robot, name: str, given: Values, known: Sequence[float | None]) -> Array:
     """Return one positive number per joint, infinite without a limit."""
     if given is None:
-        values = np.array([np.inf if value is None or value <= 0.0 else value for value in known])
+        # Files of makers have 0 and 1e16 where no limit is known.
+        values = np.array(
+            [np.inf if value is None or not 0.0 < value <= LARGEST_LIMIT else value for value in known]
+        )
     else:
         array = real_array(f"{name} limits", given, ExcitationError)
         if array.shape not in ((), (robot.n_dof,)):
@@ -156,9 +161,11 @@ def _values(robot: Robot, name: str, given: Values, known: Sequence[float | None
                 f"{name} limits need one number or {robot.n_dof}, one per joint, got an array of shape {array.shape}"
             )
         values = np.broadcast_to(array, (robot.n_dof,)).astype(float)
-    if not (values > 0.0).all():
-        joint = int(np.argmin(values > 0.0))
+    sensible = (values >= 1.0 / LARGEST_LIMIT) & ((values <= LARGEST_LIMIT) | np.isinf(values))
+    if not sensible.all():
+        joint = int(np.argmin(sensible))
         raise ExcitationError(
-            f"the {name} limit of joint {joint + 1} must be positive, got {values[joint]:g}"
+            f"the {name} limit of joint {joint + 1} must lie between {1.0 / LARGEST_LIMIT:g} and {LARGEST_LIMIT:g}, "
+            f"got {values[joint]:g}"
         )
     return values
