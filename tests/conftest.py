@@ -50,7 +50,7 @@ def _unjudged() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("didim.methods.identify.judged", lambda fit, *arguments, **options: fit)
         for name in ("measured_along", "law_along"):
-            patch.setattr(f"didim.methods.identify.{name}", lambda fit, experiment, method: None)
+            patch.setattr(f"didim.methods.identify.{name}", lambda fit, experiment, method, *rows: None)
         yield
 
 

@@ -17,6 +17,7 @@ from .._tools.arrays import Array
 from ..errors import DidimError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
+from ..regression.linear_system import LinearSystem
 from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding
 from ..result.identification import Identification
@@ -60,6 +61,8 @@ class Measured:
         Filtered windows of the recordings of the fit, and of those that were held out.
     least : callable
         Returns the errors that plain IDIM-LS leaves, (n,) (N.m or N, root mean squares).
+    system : LinearSystem or None
+        The system (7) of `parts` with all base columns, where a run has made it.
     """
 
     robot: Robot
@@ -68,6 +71,7 @@ class Measured:
     parts: Sequence[Segment]
     outside: Sequence[Segment]
     least: Callable[[], Array]
+    system: LinearSystem | None = None
 
 
 def judged(
@@ -185,7 +189,8 @@ def _fed_forward(fit: Identification, experiment: Experiment, rows: LogRows | No
 def _rows(measured: Measured, fitted: Sequence[Recording] = ()) -> LogRows | None:
     """Return the rows of a measured motion; None where they are too few for hypotheses."""
     with suppress(DidimError):
-        return LogRows(measured.robot, measured.signal, measured.parts, fitted, logs=measured.logs)
+        parts, logs, system = measured.parts, measured.logs, measured.system
+        return LogRows(measured.robot, measured.signal, parts, fitted, logs=logs, system=system)
     return None
 
 
@@ -195,7 +200,9 @@ def _residual(measured: Measured, fit: Identification) -> Residual | None:
     beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
     beta = beta[: measured.logs.n_base + measured.logs.n_further]
     with suppress(DidimError), np.errstate(over="ignore", invalid="ignore"):
-        residual = residual_of(measured.robot, measured.logs, beta, measured.parts, measured.signal)
+        residual = residual_of(
+            measured.robot, measured.logs, beta, measured.parts, measured.signal, measured.system
+        )
         if np.isfinite(residual.error).all():
             return residual
     return None
@@ -212,7 +219,7 @@ def _lasting(residual: Residual, fit: Identification) -> list[Finding]:
 
 def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> list[Finding]:
     """Return what explains a log that contradicts its model: a cause; else friction, a delay, and gains that it cannot check."""
-    other = _rows(replace(measured, parts=measured.outside)) if measured.outside else None
+    other = _rows(replace(measured, parts=measured.outside, system=None)) if measured.outside else None
     share = float(np.sqrt(rows.products.seen().sum() / np.sum(rows.y**2)))
     cause = Search(rows, other, readings=share > READ_OTHERWISE).cause()
     named = cause_findings(rows, cause)

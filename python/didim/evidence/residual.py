@@ -16,12 +16,13 @@ import numpy as np
 from .._tools.arrays import Array, rms
 from ..model.dynamics import inverse_dynamics
 from ..regression.block import Block, stacked
+from ..regression.linear_system import LinearSystem
 from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
-from ..signal.noise import noise_correlation, row_noise, white_noise
+from ..signal.noise import noise_correlation, row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from ..signal.spikes import alone, without_lone
@@ -75,22 +76,32 @@ class Residual:
 
 
 def residual_of(
-    robot: Robot, logs: LogParameters, beta: Array, parts: Sequence[Segment], signal: SignalProcessing
+    robot: Robot,
+    logs: LogParameters,
+    beta: Array,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    system: LinearSystem | None = None,
 ) -> Residual:
     """Return the errors of base parameters, (b + e,), along filtered windows of a log.
+
+    `system` are the rows (7) of the windows with all base columns, if there are any.
 
     Raises
     ------
     DidimError
         For windows that the decimation leaves nothing of.
     """
-    errors, torques, whites = [], [], []
+    whites = [part.noise * row_noise(signal, part.rate_hz)[0] for part in parts]
+    if system is not None:
+        error, torque = (values.reshape(robot.n_dof, -1) for values in (system.residual(beta), system.y))
+        return Residual(error, torque, np.median(whites, axis=0), system.blocks)
+    errors, torques = [], []
     for part in parts:
         x = logs.standard(logs.lift(beta), part.recording)
         error = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
         errors.append(row_values(error, signal).T)
         torques.append(row_values(part.tau, signal).T)
-        whites.append(white_noise(part.tau) * row_noise(signal, part.rate_hz)[0])
     blocks = stacked(
         robot.n_dof,
         [item.shape[1] for item in errors],
@@ -140,6 +151,8 @@ def spike_findings(
     if signal.spikes is not None:
         return []
     masks = [alone(part.tau) for part in parts]
+    if not any(mask.any() for mask in masks):
+        return []
     counts = np.sum([mask.sum(axis=0) for mask in masks], axis=0)
     n_samples = sum(len(mask) for mask in masks)
     off = np.sum(
@@ -151,7 +164,7 @@ def spike_findings(
         or [np.zeros(len(counts))],
         axis=0,
     )
-    spread = np.std(np.concatenate([part.tau for part in parts]), axis=0)
+    spread = np.std(np.concatenate([part.tau.T for part in parts], axis=1), axis=1)
     share = np.sqrt(off / n_samples) / np.maximum(spread, np.finfo(float).tiny)
     # One sample of forty at most is found alone: more are the noise of that torque.
     spiky = (share >= SPIKES_SHARE) & (counts >= FEWEST_SPIKES * n_samples)

@@ -20,12 +20,12 @@ from ..model.limbs import Limb, limbs_of
 from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent
 from ..regression.jackknife import FEWEST_ROWS
-from ..regression.linear_system import LinearSystem, linear_system, observation
+from ..regression.linear_system import LinearSystem, linear_system
 from ..regression.logs.parameters import LogParameters
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
-from ..signal.noise import row_noise, white_noise
+from ..signal.noise import row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
 from .products import BLOCKS, Products
@@ -61,6 +61,8 @@ class LogRows:
     logs : LogParameters, optional
         What the logs have beside the robot: its columns stand behind the base columns, and what is known of payloads is one more,
         whose factor is free.
+    system : LinearSystem, optional
+        The system (7) of `parts` with all base columns, which is not computed again.
 
     Attributes
     ----------
@@ -91,6 +93,7 @@ class LogRows:
         recordings: Sequence[Recording] = (),
         known: Array | None = None,
         logs: LogParameters | None = None,
+        system: LinearSystem | None = None,
     ) -> None:
         linear = [term for term in robot.friction.terms if term.law != "load"]
         self.robot = robot if len(linear) == len(robot.friction.terms) else robot.with_terms(linear)
@@ -100,7 +103,11 @@ class LogRows:
         self.timed = all("time" in item.origin for item in recordings)
         self.parts = stretches(parts, samples_wanted(signal, parts))
         self._thin = 1
-        w, y, self.names = self._system(self.robot, self.parts)
+        if system is not None and self.robot is robot and [*map(id, self.parts)] == [*map(id, parts)]:
+            self.names, y = system.names, system.y.reshape(self.n, -1)
+            w = system.w.reshape(*y.shape, -1)
+        else:
+            w, y, self.names = self._system(self.robot, self.parts)
         self._thin = max(1, y.shape[1] // ROWS)
         self.w, self.y = np.ascontiguousarray(w[:, :: self._thin]), np.ascontiguousarray(y[:, :: self._thin])
         if self.y.shape[1] < FEWEST_ROWS * BLOCKS:
@@ -137,7 +144,7 @@ class LogRows:
     @cached_property
     def hopeless(self) -> bool:
         """Whether all that is left of the torques is about their white noise, so that no hypothesis can explain more."""
-        gain = [row_noise(self.signal, part.rate_hz)[0] * white_noise(part.tau) for part in self.parts]
+        gain = [row_noise(self.signal, part.rate_hz)[0] * part.noise for part in self.parts]
         share = self.y.shape[1] * np.median(gain, axis=0) ** 2 / self.declared_seen
         return float(np.sum(np.log(np.minimum(1.0, np.maximum(share, 1e-9))))) > HINT
 
@@ -147,7 +154,7 @@ class LogRows:
         step = max(1, int(self.y.shape[1]) // ROUGH_ROWS)
         motion = [self.reduced([getattr(part, key) for part in self.parts])[:, ::step] for key in MOTION]
         return ScreenedRows(
-            Screen(self.robot, motion, self._whole()[:, ::step]),
+            Screen(self.robot, motion, self._whole(step)),
             self.w[:, ::step, self.logs.n_base :],
             self.y[:, ::step],
             None if self.known is None else self.robot.base_parameters.lift(self.known),
@@ -224,7 +231,7 @@ class LogRows:
         settings = Consistent(gamma=self._gamma)
         try:
             fit = settings.for_logs(logs, logs.select({}, ()))(
-                system, LeastSquaresSettings(weights="per-joint", reweightings=1)
+                system, LeastSquaresSettings(weights="per-joint", reweightings=1, uncertainty="white")
             )
         except DidimError:
             return None
@@ -251,19 +258,9 @@ class LogRows:
         assert problem is not None
         return problem.gamma
 
-    def _whole(self) -> Array:
-        """Return the columns of all standard parameters as those of a fit, (n, n_rows, m): base columns are there."""
-        known = list(self.robot.base_parameters.indices)
-        columns = sorted(set(range(len(self.robot.parameter_names))) - set(known))
-        found = []
-        for part in self.parts:
-            stages = decimation_stages(part.q.shape[0], self.signal)
-            w = observation(self.robot, part, columns, stages)
-            found.append(w.reshape(self.n, -1, len(columns))[:, self.signal.kept_rows])
-        whole = np.empty((*self.y.shape, len(columns) + len(known)))
-        whole[:, :, columns] = np.concatenate(found, axis=1)[:, :: self._thin]
-        whole[:, :, known] = self.w[:, :, : self.logs.n_base]
-        return whole
+    def _whole(self, step: int) -> Array:
+        """Return the columns of all standard parameters on every `step`-th row, (n, n_rows, m), as those of a fit."""
+        return np.asarray(self.w[:, ::step, : self.logs.n_base] @ self.robot.base_parameters.matrix)
 
     def _system(self, robot: Robot, parts: Sequence[Segment]) -> tuple[Array, Array, tuple[str, ...]]:
         """Return base columns, (n, rows, p), and torques, (n, rows), as those of a fit, before they are thinned out."""

@@ -71,18 +71,20 @@ def _flat(recording: Recording, tau: Array) -> list[int]:
     """Return the joints, from 0, that move while their torque is white noise about a constant; none without positions."""
     if not recording.has_positions:
         return []
-    # Torques of any size can be squared so.
-    size = np.abs(tau).max(axis=0)
-    tau = tau / np.where(size > 0.0, size, 1.0)
-    windows = [tau[slice(*window)] for window in recording.windows]
-    errors = [values - values.mean(axis=0) for values in windows if len(values) > LAGS]
-    squares = np.sum([np.sum(values**2, axis=0) for values in errors], axis=0)
-    moves = np.ptp(recording.measured_positions(), axis=0) > MOVES
-    flat = moves & (squares > 0.0)
-    for lag in range(1, LAGS + 1):
-        products = np.sum([np.sum(values[lag:] * values[:-lag], axis=0) for values in errors], axis=0)
-        flat &= np.abs(products) < WHITE_SIGMAS * squares / np.sqrt(max(1, sum(map(len, errors))))
-    return [int(joint) for joint in np.flatnonzero(flat)]
+    n_samples = sum(stop - start for start, stop in recording.windows if stop - start > LAGS)
+    moves = np.ptp(np.ascontiguousarray(recording.measured_positions().T), axis=1) > MOVES
+    flat = []
+    for joint, values in enumerate(np.ascontiguousarray(tau.T)):
+        values = values / (np.abs(values).max() or 1.0)  # torques of any size can be squared so
+        windows = [values[slice(*window)] for window in recording.windows]
+        errors = [part - part.mean() for part in windows if len(part) > LAGS]
+        squares = sum(float(part @ part) for part in errors)
+        limit = WHITE_SIGMAS * squares / np.sqrt(max(1, n_samples))
+        if moves[joint] and squares > 0.0:
+            products = (sum(float(part[lag:] @ part[:-lag]) for part in errors) for lag in range(1, LAGS + 1))
+            if all(abs(product) < limit for product in products):
+                flat.append(joint)
+    return flat
 
 
 def _columns(recording: Recording, numbers: Sequence[int]) -> dict[str, str]:

@@ -58,7 +58,7 @@ class Motions:
         """Return states like those of a log, the same ones for the same log."""
         rng = np.random.default_rng(0)
         q, dq, ddq = (np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "dq", "ddq"))
-        low, high = np.quantile(q, TAILS, axis=0)
+        low, high = np.quantile(np.ascontiguousarray(q.T), TAILS, axis=1)
         shape = (STATES, q.shape[1])
         sizes = (rms(values) for values in (dq, ddq))
         return cls(rng.uniform(low, high, shape), *(rng.normal(0.0, size, shape) for size in sizes))
@@ -88,7 +88,7 @@ def spread_of(robot: Robot, fit: Identification, q: Array, dq: Array, ddq: Array
     """Return the torques of a result along states, and their standard deviations."""
     w = regressor(robot, q, dq, ddq, x=fit.parameters)[:, :, list(robot.base_parameters.indices)]
     torque = w @ fit.beta
-    variance = np.einsum("kjp,pq,kjq->kj", w, noise_covariance(fit), w, optimize=True)
+    variance = np.sum((w @ noise_covariance(fit)) * w, axis=2)
     bodies = w @ np.where([name.startswith(DRIVES) for name in fit.names], 0.0, fit.beta)
     squares = (torque**2, variance, bodies**2)
     return Spread(*(float(np.sqrt(np.mean(np.maximum(values, 0.0)))) for values in squares))

@@ -20,6 +20,7 @@ from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
 from .friction import with_known_friction
+from .job import MeasuredRows
 from .measured import law_along, measured_along
 from .method import FitSettings, Method, MethodSettings
 from .table import method_of
@@ -111,7 +112,8 @@ def default_method(experiment: Experiment) -> str:
 def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
     """Choose open friction terms, run the method, and judge the result."""
     experiment, friction = with_known_friction(method, experiment, reporter.say)
-    fit = method.run(experiment, reporter)
+    along: list[MeasuredRows] = []
+    fit = method.run(experiment, replace(reporter, measured=along.append))
     fit = replace(fit, remarks=(*fit.remarks, *experiment.remarks))
     if friction is not None:
         fit = replace(
@@ -126,7 +128,7 @@ def _identified(experiment: Experiment, method: Method, reporter: Reporter, star
         fit = judged(
             fit,
             experiment,
-            measured_along(fit, experiment, method),
+            measured_along(fit, experiment, method, along),
             law_along(fit, experiment, method) if of_positions else None,
             system_tested=isinstance(method, FitSettings),
             uses_torques=not of_positions,

@@ -14,7 +14,7 @@ from ..regression.gains.maximum_likelihood import drive_gains, expected_percent,
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from .builder import Run, fitted, solved_status
-from .job import Delay, ratio
+from .job import Delay, MeasuredRows, ratio
 from .method import FitSettings, MethodSettings
 
 
@@ -41,6 +41,7 @@ class IDIMLS(FitSettings):
         parts = job.parts("fit", delay)
         reporter.say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
         system = job.system(parts)
+        reporter.measured(MeasuredRows(job, delay, parts, system))
         reporter.say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")
 
         history: list[Iteration] = []

@@ -94,6 +94,43 @@ class Delay:
         return cls(tuple(samples) if isinstance(samples, list) else samples, record.get("hold_s", 0.0))
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredRows:
+    """Filtered windows of an IDIM-LS, and their system (7).
+
+    Attributes
+    ----------
+    job : Job
+        Experiment and settings.
+    delay : Delay
+        Compensated delay.
+    parts : sequence of Segment
+        Windows of the recordings of the fit.
+    system : LinearSystem
+        Their rows.
+    """
+
+    job: Job
+    delay: Delay
+    parts: Sequence[Segment]
+    system: LinearSystem
+
+    def along(self, job: Job, delay: Delay) -> bool:
+        """Whether the windows are those of another job with a delay too."""
+        mine, other = self.job.experiment.recordings, job.experiment.recordings
+        return (
+            [*map(id, mine)] == [*map(id, other)]
+            and self.job.signal == job.signal
+            and (self.delay.samples, self.delay.hold_s) == (delay.samples, delay.hold_s)
+        )
+
+    def every_column(self, job: Job) -> LinearSystem | None:
+        """Return the system if it has all base columns of the robot of another job along the same windows, and no others."""
+        whole = self.system.known is None and self.system.names == job.parameters.names
+        simple = job.parameters.simple and not job.robot.friction.has_load
+        return self.system if whole and simple and self.job.robot is job.robot else None
+
+
 @dataclass(frozen=True)
 class Job:
     """An experiment with the settings of this run."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +15,16 @@ from ..evidence.loop.law_rows import with_law_torques
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from .idim_ls import IDIMLS
-from .job import Delay, Job
+from .job import Delay, Job, MeasuredRows
 from .method import Method, MethodSettings
 
 
-def measured_along(fit: Identification, experiment: Experiment, method: Method) -> Measured | None:
+def measured_along(
+    fit: Identification, experiment: Experiment, method: Method, made: Sequence[MeasuredRows] = ()
+) -> Measured | None:
     """Return the measured motion and torques of a log with the filters of a method and the delay of its result.
 
+    The last of the rows that the run has `made` are not computed again where they are the same.
     None without positions, torques or drive gains, and for settings other than those of IDIM-LS.
     """
     asked = method if isinstance(method, MethodSettings) else None
@@ -34,11 +38,13 @@ def measured_along(fit: Identification, experiment: Experiment, method: Method) 
         if job.parameters.n_gains:
             return None
         delay = job.declared_delay
+        rows = made[-1] if made and made[-1].along(job, delay) else None
         return Measured(
             robot=job.robot,
             signal=job.signal,
             logs=job.parameters,
-            parts=job.parts("fit", delay),
+            parts=job.parts("fit", delay) if rows is None else rows.parts,
+            system=None if rows is None else rows.every_column(job),
             outside=job.parts("held-out", delay),
             least=lambda: least_errors(job),
         )
@@ -54,8 +60,8 @@ def law_along(fit: Identification, experiment: Experiment, method: Method) -> Me
     try:
         if not declared_loop(experiment):
             return None
-        made = replace(with_law_torques(experiment), robot=experiment.simulated_robot)
-        return measured_along(fit, made, method)
+        by_law = replace(with_law_torques(experiment), robot=experiment.simulated_robot)
+        return measured_along(fit, by_law, method)
     except (DidimError, IndexError):  # no recording of a fit
         return None
 

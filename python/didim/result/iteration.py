@@ -57,15 +57,18 @@ class Reporter:
         Called with every iteration; True stops the run.
     say : callable
         Called with sentences on the progress.
+    measured : callable
+        Called with the rows along measured motion (`didim.methods.job.MeasuredRows`), which the verdict would compute again.
     """
 
     progress: Callable[[Iteration], bool] = lambda iteration: False
     say: Callable[[str], None] = lambda sentence: None
+    measured: Callable[[Any], None] = lambda rows: None
 
     @property
     def without_iterations(self) -> Reporter:
         """Sentences alone, for a run inside another: its iterations are not those of the whole."""
-        return Reporter(say=self.say)
+        return Reporter(say=self.say, measured=self.measured)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ..errors import FitError, SignalError
 from ..log.recording import Recording
 from .align import Shift, align
 from .filters import differentiate
+from .noise import white_noise
 from .processing import SignalProcessing
 from .spikes import without_spikes
 
@@ -61,6 +63,11 @@ class Segment:
         )
         temperature = None if self.temperature is None else np.ascontiguousarray(self.temperature[kept])
         return replace(self, q=q, dq=dq, ddq=ddq, tau=tau, temperature=temperature)
+
+    @cached_property
+    def noise(self) -> Array:
+        """White noise of the torques, (n_dof,), as `white_noise`."""
+        return white_noise(self.tau)
 
 
 def segments(

@@ -103,20 +103,19 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
     found = np.zeros(tau.shape, dtype=bool)
     if len(tau) < WINDOW:
         return found
-    bends = np.zeros(tau.shape)
-    bends[1:-1] = tau[1:-1] - 0.5 * (tau[:-2] + tau[2:])
-    size = np.abs(bends)
-    # Most bends of a signal with coarse steps are zero.
-    steps = np.array([_resolution(column) for column in tau.T])
-    scale = np.maximum(NORMAL_MAD * np.median(size, axis=0), steps)
-    # Heavy tails of the noise are not isolated errors.
-    limit = np.maximum(threshold * scale, TAIL * np.quantile(size, 0.95, axis=0)) + 1e-12 * np.abs(tau).max(
-        axis=0
-    )
-    inner = bends[2:-2]
-    opposite = (bends[1:-3] * inner < 0.0) & (bends[3:-1] * inner < 0.0)
-    beside = np.minimum(size[1:-3], size[3:-1]) > 0.25 * size[2:-2]
-    found[2:-2] = (size[2:-2] > limit) & opposite & beside
+    for joint, values in enumerate(np.ascontiguousarray(tau.T)):
+        bends = np.zeros(values.shape)
+        bends[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+        size = np.abs(bends)
+        # Most bends of a signal with coarse steps are zero.
+        scale = max(NORMAL_MAD * float(np.median(size)), _resolution(values))
+        # Heavy tails of the noise are not isolated errors.
+        limit = max(threshold * scale, TAIL * float(np.quantile(size, 0.95)))
+        places = 2 + np.flatnonzero(size[2:-2] > limit + 1e-12 * np.abs(values).max())
+        before, inner, after = (bends[places + step] for step in (-1, 0, 1))
+        opposite = (before * inner < 0.0) & (after * inner < 0.0)
+        beside = np.minimum(np.abs(before), np.abs(after)) > 0.25 * np.abs(inner)
+        found[places[opposite & beside], joint] = True
     return found
 
 

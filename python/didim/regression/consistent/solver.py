@@ -131,7 +131,8 @@ class ConsistentSolver:
             raise FitError("the linear system has no rows, or values that are not finite")
         problem = self.problem or self.on(system).problem
         assert problem is not None
-        plain = _plain(system.w, system.y)
+        unweighted, projected = triangle_of(system.w, system.y)
+        plain = _plain(unweighted, projected)
         rest = system.y - system.w @ plain
         sigma = joint_sigma(system, rest)
         weighted = settings.solutions > 1
@@ -152,7 +153,7 @@ class ConsistentSolver:
         weights = scale if weighted else np.ones(len(scale))
         inverse = _inverse(triangle, problem, constrained.x) * (1.0 if weighted else float(scale[0]))
         nearest = _plain(triangle, right)
-        singular = np.linalg.svd(system.w, compute_uv=False)
+        singular = np.linalg.svd(unweighted, compute_uv=False)
         return Fit(
             solution=solution,
             covariance=covariance(system, settings, weights, residual, inverse),
@@ -183,7 +184,7 @@ def _plain(w: Array, y: Array) -> Array:
 
 def _inflation(system: LinearSystem) -> float:
     """Return the factor by which the correlation of the plain residuals raises variances, averaged over all directions."""
-    rest = system.y - system.w @ _plain(system.w, system.y)
+    rest = system.y - system.w @ _plain(*triangle_of(system.w, system.y))
     scale = per_row(system, 1.0 / joint_sigma(system, rest))
     q = np.linalg.qr(system.w * scale[:, None])[0]
     errors = rest * scale
