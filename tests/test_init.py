@@ -14,7 +14,7 @@ from didim import load_experiment
 from didim.cli.main import main
 from didim.errors import ExperimentError
 from didim.experiment.draft import initialise
-from didim.experiment.draft_columns import column
+from didim.experiment.draft_columns import read_column
 from urdfs import GRIPPER_ARM
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ def write(path: Path, names: list[str] | None, *columns: Array, delimiter: str =
     ],
 )
 def test_names_of_columns(name: str, what: str, number: int | None, unit: str | None, motor: bool) -> None:
-    found = column(name)
+    found = read_column(name)
     assert (found.what, found.number, found.unit, found.motor) == (what, number, unit, motor)
 
 
@@ -255,14 +255,14 @@ def test_names_of_columns_with_names_of_joints(name: str, what: str, joint: int 
         "wrist_2_joint",
         "wrist_3_joint",
     ]
-    found = column(name, joints)
+    found = read_column(name, joints)
     assert (found.what, found.number) == (what, joint)
 
 
 def test_joint_10_is_not_joint_1() -> None:
     joints = [f"joint_{k + 1}" for k in range(12)]
-    assert column("joint_10 effort", joints).number == 10
-    assert column("effort joint_1", joints).number == 1
+    assert read_column("joint_10 effort", joints).number == 10
+    assert read_column("effort joint_1", joints).number == 1
 
 
 def test_a_urdf_and_columns_in_another_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

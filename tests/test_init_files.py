@@ -16,7 +16,7 @@ from didim import load_experiment
 from didim.cli.main import main
 from didim.errors import ExperimentError, RecordingError
 from didim.experiment.draft import initialise
-from didim.experiment.draft_columns import column, joints_by_name, name_without_signal
+from didim.experiment.draft_columns import joints_by_name, name_without_signal, read_column
 
 Array = NDArray[np.float64]
 RATE = 500.0
@@ -177,7 +177,7 @@ def test_numbers_of_columns_that_have_names(
 
 
 def test_times_are_time() -> None:
-    assert [column(name).what for name in ("times", "timestamps", "times_ms")] == ["time"] * 3
+    assert [read_column(name).what for name in ("times", "timestamps", "times_ms")] == ["time"] * 3
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -16,7 +16,7 @@ from didim import load_experiment
 from didim.cli.main import main
 from didim.errors import ExperimentError
 from didim.experiment.draft import initialise
-from didim.experiment.draft_columns import column
+from didim.experiment.draft_columns import read_column
 from didim.experiment.draft_layout import layout
 from didim.log.csv_file import CsvFile
 
@@ -80,7 +80,7 @@ def write(path: Path, names: list[str] | None, *columns: Any) -> Path:
     ],
 )
 def test_names_of_makers(name: str, what: str, unit: str | None) -> None:
-    found = column(name)
+    found = read_column(name)
     assert (found.what, found.unit) == (what, unit)
 
 

@@ -117,12 +117,12 @@ def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
             folders.append(Path(folder_of()))
     for folder in folders:
         for number in range(1, 1000):
-            place = folder / f"{path.stem}-{number}{path.suffix}"
-            if place.exists():
+            target = folder / f"{path.stem}-{number}{path.suffix}"
+            if target.exists():
                 continue
             with contextlib.suppress(Exception):  # any error of a writer
-                write(place)
-                return place
+                write(target)
+                return target
             break
     return None
 

@@ -117,8 +117,8 @@ def _rows(content: Mapping[str, Any], path: str) -> dict[str, Key]:
     for name, row in content[path].items():
         if isinstance(row, list):
             for other in row:
-                file, _, place = other.rpartition(":")
-                rows |= declared(file, place).rows if file else _rows(content, place)
+                file, _, line = other.rpartition(":")
+                rows |= declared(file, line).rows if file else _rows(content, line)
         else:
             first, *others = _expanded(name)
             rows[first] = Key(name=first, **row)

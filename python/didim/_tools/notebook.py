@@ -53,7 +53,7 @@ class Brief:
     """Base of a frozen dataclass whose repr shows the shapes of arrays instead of their numbers."""
 
     def __repr__(self) -> str:
-        shown = (f"{item.name}={_brief(getattr(self, item.name))}" for item in fields(self))  # type: ignore[arg-type]
+        shown = (f"{attribute.name}={_brief(getattr(self, attribute.name))}" for attribute in fields(self))  # type: ignore[arg-type]
         return f"{type(self).__name__}({', '.join(shown)})"
 
 

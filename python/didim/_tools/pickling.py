@@ -20,14 +20,14 @@ class Pickled:
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with notes on properties that pickle does not preserve."""
         state: dict[str, Any] = {"values": {}, "read_only": [], "proxies": []}
-        for item in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, item.name)
+        for attribute in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, attribute.name)
             if isinstance(value, MappingProxyType):
-                state["proxies"].append(item.name)
+                state["proxies"].append(attribute.name)
                 value = dict(value)
             if isinstance(value, np.ndarray) and not value.flags.writeable:
-                state["read_only"].append(item.name)
-            state["values"][item.name] = value
+                state["read_only"].append(attribute.name)
+            state["values"][attribute.name] = value
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -40,28 +40,32 @@ def named(name: str, places: Mapping[str, Any], what: str, error: type[DidimErro
             f"there is no {what} '{name}'{did_you_mean(name, places)} (there are: {', '.join(places)}; "
             "or one of your own as module:name)"
         )
-    thing = places.get(name, name)
-    return loaded(thing, what, error) if isinstance(thing, str) else thing
+    source = places.get(name, name)
+    return loaded(source, what, error) if isinstance(source, str) else source
 
 
-def loaded(place: str, what: str, error: type[DidimError]) -> Any:
+def loaded(source: str, what: str, error: type[DidimError]) -> Any:
     """Return the object at "module:name"; the program's folder and the current folder are searched too."""
-    module, _, name = place.partition(":")
+    module, _, name = source.partition(":")
     search((Path.cwd(),))
     try:
         content = import_module(module)
     except ModuleNotFoundError as reason:
         if reason.name is None or not f"{module}.".startswith(f"{reason.name}."):
-            raise error(f"{what} '{place}': its module needs {reason.name}, which is not installed") from None
+            raise error(
+                f"{what} '{source}': its module needs {reason.name}, which is not installed"
+            ) from None
         raise error(
-            f"{what} '{place}': there is no module '{module}' in Python's path, nor in this folder"
+            f"{what} '{source}': there is no module '{module}' in Python's path, nor in this folder"
         ) from None
     except Exception as reason:
         raise error(
-            f"{what} '{place}': its module cannot be loaded ({type(reason).__name__}: {reason})"
+            f"{what} '{source}': its module cannot be loaded ({type(reason).__name__}: {reason})"
         ) from reason
     if not hasattr(content, name):
-        raise error(f"{what} '{place}': module '{module}' has no '{name}'{did_you_mean(name, vars(content))}")
+        raise error(
+            f"{what} '{source}': module '{module}' has no '{name}'{did_you_mean(name, vars(content))}"
+        )
     return getattr(content, name)
 
 
@@ -99,10 +103,10 @@ def search_beside(content: object, path: Path) -> None:
         search((path.resolve().parent,))
 
 
-def source_digest(place: str) -> str:
+def source_digest(source: str) -> str:
     """Return the SHA-256 of the source of "module:name", or an empty text without source."""
     try:
-        spec = find_spec(place.partition(":")[0])
+        spec = find_spec(source.partition(":")[0])
     except (ModuleNotFoundError, ValueError):  # a missing package; a program itself
         return ""
     path = None if spec is None else spec.origin

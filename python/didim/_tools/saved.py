@@ -54,15 +54,15 @@ def read_saved(path: str | Path) -> dict[str, Any]:
 def plain(value: Any) -> Any:
     """Return a value as JSON data: records by field, arrays and tuples as lists, numbers that are not finite as None."""
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: plain(element) for key, element in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(element) for element in value]
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+        return {element.name: plain(getattr(value, element.name)) for element in fields(value)}
     return value
 
 
@@ -89,7 +89,7 @@ def restored(kind: Any, data: Any, none: float = math.nan) -> Any:
     while (value := getattr(origin, "__value__", None)) is not None:
         origin = get_origin(value)
     if origin is UnionType:
-        inner = [item for item in arguments if item is not type(None)]
+        inner = [element for element in arguments if element is not type(None)]
         return data if data is None or len(inner) > 1 else restored(inner[0], data, none)
     if kind is float:
         return none if data is None else float(data)
@@ -98,14 +98,14 @@ def restored(kind: Any, data: Any, none: float = math.nan) -> Any:
         return np.where(np.isnan(array), none, array)
     if origin is tuple:
         kinds = arguments[:1] * len(data) if arguments[-1] is Ellipsis else arguments
-        return tuple(restored(item, value, none) for item, value in zip(kinds, data, strict=True))
+        return tuple(restored(element, value, none) for element, value in zip(kinds, data, strict=True))
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return {key: restored(arguments[1], value, none) for key, value in data.items()}
     if isinstance(kind, type) and is_dataclass(kind):
         if isinstance(data, kind):
             return data
         hints = _hints(kind)
-        bounds = {item.name: item.metadata.get("none", math.nan) for item in fields(kind)}
+        bounds = {element.name: element.metadata.get("none", math.nan) for element in fields(kind)}
         return kind(**{key: restored(hints[key], value, bounds[key]) for key, value in data.items()})
     if kind in (int, str) and not isinstance(data, kind):
         raise TypeError(f"{data!r} is not {'a text' if kind is str else 'an integer'}")

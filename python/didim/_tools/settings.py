@@ -25,9 +25,9 @@ def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
     error : type of DidimError
         Class of the error to raise.
     """
-    for item in fields(settings):
-        key, value = keys.rows.get(item.name), getattr(settings, item.name)
-        if key is None or (value is None and item.default is None):
+    for setting in fields(settings):
+        key, value = keys.rows.get(setting.name), getattr(settings, setting.name)
+        if key is None or (value is None and setting.default is None):
             continue
         if key.type == "integer":
             value = whole(key.name, value, error, least=key.minimum, most=key.maximum)
@@ -37,7 +37,7 @@ def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
                 raise error(f"{key.name} must be at least {key.minimum:g}, got {value!r}")
         elif key.choices:
             one_of(key.name, value, key.choices, error)
-        object.__setattr__(settings, item.name, value)
+        object.__setattr__(settings, setting.name, value)
 
 
 def whole(

@@ -198,7 +198,7 @@ class Table:
         value = self.raw(key)
         if not isinstance(value, list):
             return [self.integer(key)]
-        if not all(type(item) is int for item in value):
+        if not all(type(number) is int for number in value):
             self.fail(f"{key} must be a list of integers, got {value!r}")
         return value
 
@@ -248,7 +248,7 @@ class Table:
         value = self._read(key, default)
         if value is MISSING:
             return default
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             self.fail(f"{key} must be a list of texts, got {brief(repr(value))}")
         return list(value)
 
@@ -284,11 +284,9 @@ class Table:
         value = self._read(key, default)
         if value is MISSING:
             return default
-        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
             self.fail(f"{key} must be an array of tables, [[{key}]]")
-        return [
-            self._child(item, key, "" if len(value) == 1 else f" {i + 1}") for i, item in enumerate(value)
-        ]
+        return [self._child(row, key, "" if len(value) == 1 else f" {i + 1}") for i, row in enumerate(value)]
 
     def changed(self, mapping: Mapping[str, Any]) -> Table:
         """Return a table of other content with the same location."""
@@ -318,33 +316,33 @@ class Table:
         path = f"{self._path}.{key}{number}" if self._path else f"{key}{number}"
         return Table(mapping, self._where, self._error, path, self._keys.inside(key))
 
-    def _finite(self, key: str, value: object, place: str = "") -> float:
+    def _finite(self, key: str, value: object, where: str = "") -> float:
         """Return a finite number within the declared bounds of its key; `place` follows the key in messages."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(f"{key}{place} must be a finite number, got {brief(repr(value))}")
+            self.fail(f"{key}{where} must be a finite number, got {brief(repr(value))}")
         try:
             number = float(value)
         except OverflowError:
             number = math.inf  # an integer of more than 308 digits
         if not math.isfinite(number):
-            self.fail(f"{key}{place} must be a finite number, got {brief(repr(value))}")
-        self._check_range(key, number, place)
+            self.fail(f"{key}{where} must be a finite number, got {brief(repr(value))}")
+        self._check_range(key, number, where)
         return number
 
-    def _number_list(self, key: str, value: object, length: int | None, place: str = "") -> list[float]:
+    def _number_list(self, key: str, value: object, length: int | None, where: str = "") -> list[float]:
         if not isinstance(value, list):
-            self.fail(f"{key}{place} must be a list of numbers, got {brief(repr(value))}")
+            self.fail(f"{key}{where} must be a list of numbers, got {brief(repr(value))}")
         if length is not None and len(value) != length:
-            self.fail(f"{key}{place} must hold {counted(length, 'number')}, got {len(value)}")
-        return [self._finite(key, item, f"{place} number {i + 1}") for i, item in enumerate(value)]
+            self.fail(f"{key}{where} must hold {counted(length, 'number')}, got {len(value)}")
+        return [self._finite(key, number, f"{where} number {i + 1}") for i, number in enumerate(value)]
 
-    def _check_range(self, key: str, value: float, place: str = "") -> None:
+    def _check_range(self, key: str, value: float, where: str = "") -> None:
         row = self._keys.rows.get(key)
         if row is None:
             return
         if row.above is not None and not value > row.above:
-            self.fail(f"{key}{place} must be above {row.above}, got {value}")
+            self.fail(f"{key}{where} must be above {row.above}, got {value}")
         if row.minimum is not None and value < row.minimum:
-            self.fail(f"{key}{place} must be at least {row.minimum}, got {value}")
+            self.fail(f"{key}{where} must be at least {row.minimum}, got {value}")
         if row.maximum is not None and value > row.maximum:
-            self.fail(f"{key}{place} must be at most {row.maximum}, got {value}")
+            self.fail(f"{key}{where} must be at most {row.maximum}, got {value}")

@@ -68,11 +68,11 @@ def brief(text: str, room: int = 60) -> str:
 
 def series(texts: Iterable[str], room: int = ROOM) -> str:
     """Return texts as a list for a message, ``a, b, c``; beyond `room` characters the rest is counted: ``a, b and 4 more``."""
-    items = list(texts)
-    ends = accumulate(len(item) + 2 for item in items)
+    parts = list(texts)
+    ends = accumulate(len(part) + 2 for part in parts)
     fit = max(1, sum(end <= room for end in ends))
-    more = len(items) - fit
-    return ", ".join(items) if more <= 0 else f"{', '.join(items[:fit])} and {more} more"
+    more = len(parts) - fit
+    return ", ".join(parts) if more <= 0 else f"{', '.join(parts[:fit])} and {more} more"
 
 
 def columned(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:

@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
     # Files are written first, so the result survives a reader of stdout that stops early.
     saved = Saved()
     for path in options.output:
-        saved.save(path, lambda place: save(design, place))
+        saved.save(path, lambda target: save(design, target))
     saved.save_report(options.report, design)
     saved.show(str(design))
     return saved.code(INTERRUPTED if design.interrupted else CONVERGED)

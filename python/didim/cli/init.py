@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> int:
         topic=options.topic,
         chain=chain if any(chain.values()) else None,
         force=options.force,
-        write=lambda path, text: saved.save(path, lambda place: write_atomically(place, text)),
+        write=lambda path, text: saved.save(path, lambda target: write_atomically(target, text)),
     )
     if not saved.failed:
         saved.show(f"{path}: written", exact=True)

@@ -125,18 +125,18 @@ def locked(options: argparse.Namespace) -> dict[str, float]:
     RobotError
         For a text of another form (``test_urdf.py``).
     """
-    found: dict[str, float] = {}
+    angles: dict[str, float] = {}
     for text in options.lock:
         joint, _, value = text.rpartition("=")
         try:
-            found[joint] = float(value)
+            angles[joint] = float(value)
         except ValueError:
             joint = ""
         if not joint:
             raise RobotError(
                 f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}"
             ) from None
-    return found
+    return angles
 
 
 def add_report(parser: Options) -> None:

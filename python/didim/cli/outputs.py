@@ -84,14 +84,14 @@ class Saved:
         """Write an output as JSON, if requested."""
         from .._tools.saved import save_json
 
-        self.save(path, lambda place: save_json(place, content))
+        self.save(path, lambda target: save_json(target, content))
 
     def save_report(self, path: Path | None, result: Any, experiment: Experiment | None = None) -> None:
         """Write a result as an HTML page, if requested."""
         if path is not None:
             from ..report import write
 
-            self.save(path, lambda place: write(place, result, experiment))
+            self.save(path, lambda target: write(target, result, experiment))
 
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""
@@ -114,10 +114,12 @@ class Saved:
         self, path: Path, write: Callable[[Path], None], error: Exception, what: str | None = None
     ) -> None:
         self.failed = True
-        place = write_elsewhere(path, write)
-        self.lost = self.lost or place is None
+        elsewhere = write_elsewhere(path, write)
+        self.lost = self.lost or elsewhere is None
         ending = (
-            f"the content is in '{place}' instead" if place else "it could not be written elsewhere either"
+            f"the content is in '{elsewhere}' instead"
+            if elsewhere
+            else "it could not be written elsewhere either"
         )
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         message(f"{what or path}: {reason}; {ending}")

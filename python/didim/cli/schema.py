@@ -63,14 +63,18 @@ SHAPES: dict[str, list[dict[str, Any]]] = {
 
 def _default(path: str, key: Key) -> Any:
     """Return the default of a key: declared, or that of the settings; None without one."""
-    settings = {item.name: item.default for item in fields(SETTINGS[path])} if path in SETTINGS else {}
+    settings = (
+        {setting.name: setting.default for setting in fields(SETTINGS[path])} if path in SETTINGS else {}
+    )
     value = settings.get(key.name, key.default)
     return list(value) if isinstance(value, tuple) else value
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+        return (
+            "{ " + ", ".join(f"{json.dumps(key)} = {_toml(element)}" for key, element in value.items()) + " }"
+        )
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value, ensure_ascii=False)

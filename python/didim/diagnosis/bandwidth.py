@@ -24,7 +24,7 @@ BAND = 0.999
 
 def check_bandwidth(experiment: Experiment) -> list[Finding]:
     """Tell recordings whose rate is too low for the motion, or for the filters."""
-    found = []
+    findings = []
     for recording in experiment.recordings:
         cutoff = experiment.signal.cutoff_hz
         rate = recording.rate_hz
@@ -33,7 +33,7 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
         if losses[worst] > LARGEST_LOSS:
             # The loss goes with the square of the period.
             wanted = _round_up(rate * np.sqrt(losses[worst] / (0.1 * LARGEST_LOSS)))
-            found.append(
+            findings.append(
                 _too_slow(
                     recording,
                     f"{rate:.6g} Hz is too slow for the motion: central differences lose "
@@ -43,7 +43,7 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
                 )
             )
         elif cutoff is not None and cutoff >= rate / 2.0:
-            found.append(
+            findings.append(
                 _too_slow(
                     recording,
                     f"{rate:.6g} Hz is too slow for the filter: its cut-off of {cutoff:g} Hz is not below half the rate",
@@ -51,7 +51,7 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
                     (),
                 )
             )
-    return found
+    return findings
 
 
 def _too_slow(recording: Recording, sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:

@@ -64,12 +64,12 @@ class Channel:
     values: Array
 
     def __str__(self) -> str:
-        place = f"the {self.what} of {self.side} {self.number}"
+        where = f"the {self.what} of {self.side} {self.number}"
         if self.file is not None and self.column is not None:
-            place += f" ({self.file}, column {self.column})"
+            where += f" ({self.file}, column {self.column})"
         elif len(self.recording.name):
-            place += f" (recording '{self.recording.name}')"
-        return place
+            where += f" (recording '{self.recording.name}')"
+        return where
 
     def finding(self, **more: Any) -> Finding:
         """Make a finding on this channel."""
@@ -107,18 +107,18 @@ def _columns(
 
 def check_channels(recording: Recording) -> list[Finding]:
     """Look at each column by itself."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     jumps: list[tuple[Channel, int]] = []
     for channel in channels(recording):
         if channel.what == "position":
             stuck = _stuck(channel)
-            found += stuck
+            findings += stuck
             if not stuck:
                 jumps += [(channel, sample) for sample in _jumps(channel)]
         else:
-            found += [] if is_constant(channel.values) else _clipped(channel)
-        found += _coarse(channel)
-    return [*_reported_jumps(recording, jumps), *found]
+            findings += [] if is_constant(channel.values) else _clipped(channel)
+        findings += _coarse(channel)
+    return [*_reported_jumps(recording, jumps), *findings]
 
 
 def _same(values: Array) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ def _jumps(channel: Channel) -> list[int]:
     if not places.size or places.size > 0.01 * bends.size:
         return []
     first = np.concatenate([[True], np.diff(places) > 3])
-    return [int(place) + 1 for place in places[first]]
+    return [int(row) + 1 for row in places[first]]
 
 
 def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> list[Finding]:
@@ -182,12 +182,12 @@ def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) 
             continue  # a gap in the time stamps, reported already
         near = next((key for key in by_sample if abs(key - sample) <= 2), sample)
         by_sample.setdefault(near, []).append(channel)
-    found = []
+    reported = []
     for sample, at in sorted(by_sample.items()):
         time = sample / recording.rate_hz
         if len(at) > 1:
             joints = tuple(channel.number for channel in at)
-            found.append(
+            reported.append(
                 said(
                     kind="gap",
                     sentence=f"the positions of {at[0].side}s {', '.join(map(str, joints))} jump together behind sample "
@@ -200,7 +200,7 @@ def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) 
                 )
             )
         else:
-            found.append(
+            reported.append(
                 at[0].finding(
                     kind="jump",
                     sentence=f"{at[0]} jumps behind sample {sample} ({time:.6g} s), the others do not",
@@ -208,12 +208,12 @@ def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) 
                     sample=sample,
                 )
             )
-    return found
+    return reported
 
 
 def _clipped(channel: Channel) -> list[Finding]:
     """Find torques that stay at an extreme value."""
-    found = []
+    findings = []
     values = channel.values
     room = ROUNDING * np.abs(values).max()
     for sign in (1.0, -1.0):
@@ -225,12 +225,12 @@ def _clipped(channel: Channel) -> list[Finding]:
             continue
         below = int(np.sum(rest >= rest.max() - room))
         if count > CLIPPED_RATIO * below:
-            found.append((sign * top, count, int(np.argmax(at_top))))
-    if not found:
+            findings.append((sign * top, count, int(np.argmax(at_top))))
+    if not findings:
         return []
-    limits = " and ".join(f"{value:.6g}" for value, _, _ in found)
-    total = sum(count for _, count, _ in found)
-    first = min(sample for _, _, sample in found)
+    limits = " and ".join(f"{value:.6g}" for value, _, _ in findings)
+    total = sum(count for _, count, _ in findings)
+    first = min(sample for _, _, sample in findings)
     return [
         channel.finding(
             kind="clipped",
@@ -238,7 +238,7 @@ def _clipped(channel: Channel) -> list[Finding]:
             advice="Move more slowly or raise the limit of the drive or of the logger; until then exclude these times "
             "with windows_s, because the torque there is wrong",
             sample=first,
-            value=found[0][0],
+            value=findings[0][0],
         )
     ]
 

@@ -104,17 +104,17 @@ def _checked(
     data: str | Path | None,
     say: Callable[[str], None],
 ) -> Findings:
-    found: list[Finding] = []
+    all_findings: list[Finding] = []
     if not isinstance(experiment, Experiment):
         say("reading the log")
         faults: list[tuple[str, TimeFault]] = []
         experiment = load_experiment(experiment, data=data, faults=faults)
-        found += time_findings(faults)
+        all_findings += time_findings(faults)
     notes: list[str] = []
 
     def findings(log: Experiment, loop: tuple[tuple[str, ...], ...] = ()) -> Findings:
         digests = tuple(log.digests.values())
-        return Findings(log.name, tuple(found), log.robot.joint_names, loop, tuple(notes), digests)
+        return Findings(log.name, tuple(all_findings), log.robot.joint_names, loop, tuple(notes), digests)
 
     # Load friction is not linear in the parameters, and none of the checks turns on it.
     linear = [term for term in experiment.robot.friction.terms if term.law != "load"]
@@ -125,19 +125,19 @@ def _checked(
     for recording in experiment.recordings:
         recording.measured_positions()  # refuses a log without them
         of_columns = check_channels(recording)
-        found += of_columns
+        all_findings += of_columns
         recordings.append(_filterable(_without(recording, of_columns), experiment.signal))
     experiment = replace(experiment, recordings=tuple(recordings))
     if experiment.links == "fixed":
-        found += _of_positions(experiment, notes)
+        all_findings += _of_positions(experiment, notes)
         return findings(experiment)
     constant = constant_torque_findings(experiment)
-    found += [*constant, *check_reference(experiment), *check_bandwidth(experiment)]
+    all_findings += [*constant, *check_reference(experiment), *check_bandwidth(experiment)]
     cutoff = experiment.signal.cutoff_hz
-    filtered = cutoff is None or all(cutoff < item.rate_hz / 2.0 for item in experiment.recordings)
+    filtered = cutoff is None or all(cutoff < each.rate_hz / 2.0 for each in experiment.recordings)
     without = [recording.name for recording in experiment.recordings if recording.tau is None]
     if without:
-        found.append(
+        all_findings.append(
             said(
                 kind="no-torque",
                 sentence=f"recording '{without[0]}' has no torques",
@@ -151,7 +151,7 @@ def _checked(
     fits = any(recording.role == "fit" for recording in experiment.recordings)
     if filtered and fits and not (without or constant):
         say("searching for causes of the torque error")
-        found += _model(experiment, known, shown, notes)
+        all_findings += _model(experiment, known, shown, notes)
     return findings(experiment, loop_table(shown))
 
 
@@ -178,10 +178,10 @@ def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
     for start, stop in recording.windows:
         used[start:stop] = True
     cuts = {start for start, _ in recording.windows}
-    for item in findings:
-        if item.kind in ("stuck", "jump", "gap") and item.sample is not None:
-            last = item.sample if item.last_sample is None else item.last_sample
-            used[item.sample : last + 2] = False
+    for finding in findings:
+        if finding.kind in ("stuck", "jump", "gap") and finding.sample is not None:
+            last = finding.sample if finding.last_sample is None else finding.last_sample
+            used[finding.sample : last + 2] = False
             cuts.add(last + 2)
     if len(cuts) == len(recording.windows):
         return recording
@@ -253,7 +253,7 @@ def _model(
         ]
     robot, base = job.robot, job.robot.base_parameters
     beta = None if known is None else base.project(known)
-    of_fit = [item for item in experiment.recordings if item.role == "fit"]
+    of_fit = [recording for recording in experiment.recordings if recording.role == "fit"]
     try:
         parts = job.parts("fit", job.declared_delay)
     except (SignalError, FitError) as error:
@@ -276,15 +276,15 @@ def _model(
     if named:
         # What else a log declared so wrongly seems to have comes from that.
         return named
-    found = [*hints, *(_between(job, parts, beta) if job.parameters.simple else ())]
+    findings = [*hints, *(_between(job, parts, beta) if job.parameters.simple else ())]
     if shown is not None:
-        found += loop_findings(experiment, base.lift(rows.beta), shown)
+        findings += loop_findings(experiment, base.lift(rows.beta), shown)
     if job.delay_setting != "estimate":
         late = delay_findings(rows, np.zeros(0), obeyed=False)
-        found += late if late or rows.hopeless else _joint_delays(job)
-    notes += [item.sentence for item in unchecked(rows)]
+        findings += late if late or rows.hopeless else _joint_delays(job)
+    notes += [recording.sentence for recording in unchecked(rows)]
     n_rows = sum(len(part.q) for part in parts) / math.prod(job.signal.decimation)
-    return [*found, *own, *check_excitation(rows, n_rows)]
+    return [*findings, *own, *check_excitation(rows, n_rows)]
 
 
 def _causes(rows: LogRows, hints: list[Finding]) -> list[Finding]:
@@ -315,7 +315,7 @@ def _between(job: Job, parts: Sequence[Segment], beta: Array | None) -> list[Fin
         fit = job.solve(system)
     except DidimError:  # reported as parameters that the log does not identify
         return []
-    loads = [item for item in load_findings(job, system, fit) if item.grade != "note"]
+    loads = [finding for finding in load_findings(job, system, fit) if finding.grade != "note"]
     return [*loads, *drift_findings(job, drift_of(job, system, fit))]
 
 

@@ -62,8 +62,8 @@ class Findings(Sequence[Finding]):
         if not self.items:
             return "\n".join([f"{self.experiment}: nothing found.", *self._tail()])
         head = f"{self.experiment}: {len(self)} finding{'' if len(self) == 1 else 's'}"
-        lines = [head, *(f"- {item.code}: {item}" for item in self.items)]
-        joints = sorted({joint for item in self.items for joint in item.joints})
+        lines = [head, *(f"- {finding.code}: {finding}" for finding in self.items)]
+        joints = sorted({joint for finding in self.items for joint in finding.joints})
         if self.joint_names and joints:
             lines.append(f"joints: {', '.join(f'{joint} {self.joint_names[joint - 1]}' for joint in joints)}")
         return "\n".join([*lines, *self._tail()])
@@ -79,7 +79,7 @@ class Findings(Sequence[Finding]):
         if not self.items:
             return page(str(self))
         title, *tail = (line for line in str(self).split("\n") if not line.startswith("- "))
-        rows = [(item.kind, item.sentence, item.advice) for item in self.items]
+        rows = [(finding.kind, finding.sentence, finding.advice) for finding in self.items]
         return page(title, [("kind", "finding", "what to do"), *rows], "\n".join(tail))
 
     def to_dict(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class Findings(Sequence[Finding]):
         return {
             "schema": SCHEMA,
             "experiment": self.experiment,
-            "findings": [_item(item) for item in self.items],
+            "findings": [_item(finding) for finding in self.items],
             "closed_loop": [dict(zip(self.closed_loop[0], row, strict=True)) for row in self.closed_loop[1:]],
             "notes": list(self.notes),
         }
@@ -97,9 +97,9 @@ class Findings(Sequence[Finding]):
         save_json(path, self.to_dict(), self.sources)
 
 
-def _item(item: Finding) -> dict[str, Any]:
+def _item(finding: Finding) -> dict[str, Any]:
     """Return a finding with where it was seen, by the names of schema 1."""
     seen = {
-        key: getattr(item, key) for key in ("kind", "recording", "file", "column", "sample", "last_sample")
+        key: getattr(finding, key) for key in ("kind", "recording", "file", "column", "sample", "last_sample")
     }
-    return {**item.to_dict(), **seen}
+    return {**finding.to_dict(), **seen}

@@ -19,14 +19,14 @@ LARGEST_RANGE = {"revolute": 8.0 * np.pi, "prismatic": 20.0}
 def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
     """Compare the log with the limits of the robot, and with those of any robot."""
     robot = experiment.robot
-    found = []
+    findings = []
     for joint, kind in enumerate(robot.joint_kinds):
         limits = robot.limits[joint]
         units = ("rad", "rad/s", "N.m") if kind == "revolute" else ("m", "m/s", "N")
         q = np.concatenate([part.q[:, joint] for part in parts])
         if np.ptp(q) > LARGEST_RANGE[kind]:
             turns = f", {np.ptp(q) / (2.0 * np.pi):.3g} turns" if kind == "revolute" else ""
-            found.append(
+            findings.append(
                 said(
                     kind="range",
                     sentence=f"joint {joint + 1} moves through {np.ptp(q):.4g} {units[0]}{turns}",
@@ -56,7 +56,7 @@ def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
                     (float(q.max()), high) if q.max() - middle >= middle - q.min() else (float(q.min()), low)
                 )
             wrong = value > SEVERAL * (half if what == "position" else limit)
-            found.append(
+            findings.append(
                 said(
                     kind="limits",
                     sentence=f"the {what} of joint {joint + 1} reaches {seen:.4g} {unit}, the limit of robot "
@@ -68,4 +68,4 @@ def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
                     value=seen,
                 )
             )
-    return found
+    return findings

@@ -52,17 +52,17 @@ def _recording(recording: Recording) -> Iterator[Finding]:
     joints = np.flatnonzero(motion > 0.0)
     verdicts = {int(j): _joint(q[:, j], ref[:, j], recording.rate_hz) for j in joints}
     for what in ("same", "constant", "smoothed", "late", "unrelated"):
-        found = {joint: value for joint, (kind, value) in verdicts.items() if kind == what}
-        if not found:
+        shifts = {joint: value for joint, (kind, value) in verdicts.items() if kind == what}
+        if not shifts:
             continue
-        value = float(np.median(list(found.values())))
+        value = float(np.median(list(shifts.values())))
         yield said(
             kind="reference",
-            sentence=f"the reference of {joints_text(found)} in recording '{recording.name}' "
+            sentence=f"the reference of {joints_text(shifts)} in recording '{recording.name}' "
             + _TEXT[what].format(value),
             advice=_ADVICE,
             recording=recording.name,
-            joints=tuple(joint + 1 for joint in found),
+            joints=tuple(joint + 1 for joint in shifts),
             value=value,
         )
 

@@ -20,7 +20,7 @@ ADVICE = {
 
 def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
     """Turn faults of time stamps into findings."""
-    found = []
+    findings = []
     kinds = {"order": "uneven-time", "gap": "gap", "uneven": "uneven-time", "rate": "rate"}
     for recording in dict.fromkeys(name for name, _ in faults):
         for kind in ADVICE:
@@ -29,7 +29,7 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
             for fault in shown:
                 left = len(alike) - len(shown)
                 more = f"; there are {left} more" if left and fault is shown[-1] else ""
-                found.append(
+                findings.append(
                     said(
                         kind=kinds[kind],
                         sentence=fault.sentence + more,
@@ -40,4 +40,4 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
                         value=fault.rate_hz if kind == "rate" else None,
                     )
                 )
-    return found
+    return findings

@@ -76,10 +76,10 @@ class Clearance:
         moving = np.flatnonzero(self.links > 0)
         # One wall each: capsule, axis, side, place.
         self.walls = [
-            (moving, axis, side, place)
+            (moving, axis, side, bound)
             for side, corner in ((1.0, lowest), (-1.0, highest))
-            for axis, place in enumerate(corner)
-            if np.isfinite(place)
+            for axis, bound in enumerate(corner)
+            if np.isfinite(bound)
         ]
 
     @property
@@ -87,9 +87,9 @@ class Clearance:
         """Whether nothing is checked."""
         return not self.walls and not len(self.pairs)
 
-    def _points(self, found: Array) -> Array:
+    def _points(self, poses: Array) -> Array:
         """Return the ends of all capsules in frame 0, ``(n_samples, n_capsules, 2, 3)``."""
-        frame = found[:, self.links]
+        frame = poses[:, self.links]
         turned = np.einsum("scij,cej->scei", frame[..., :3, :3], self.ends)
         return np.asarray(turned + frame[:, :, None, :3, 3])
 
@@ -106,8 +106,8 @@ class Clearance:
         between = _along(p, s) - _along(r, t)
         length = np.linalg.norm(between, axis=-1)
         columns.append(length - (self.radii[i] + self.radii[j]))
-        for moving, axis, side, place in self.walls:
-            gap = (side * (points[:, moving][..., axis] - place)).min(axis=2)
+        for moving, axis, side, bound in self.walls:
+            gap = (side * (points[:, moving][..., axis] - bound)).min(axis=2)
             columns.append(gap - self.radii[moving])
         distances = np.concatenate(columns, axis=1) - self.workspace.clearance
         direction = between / np.maximum(length, np.sqrt(TINY))[..., None]
@@ -118,8 +118,8 @@ class Clearance:
 
         `extra` is added to the clearance (m).
         """
-        found = frames(self.robot, q)
-        points = self._points(found)
+        poses = frames(self.robot, q)
+        points = self._points(poses)
         distances, (s, t, direction) = self._parts(points)
         short = np.maximum(extra - distances, 0.0) / scale
         value = float((short**2).sum())
@@ -127,7 +127,7 @@ class Clearance:
         if value == 0.0:
             return value, gradient
         samples = np.flatnonzero(short.any(axis=1))
-        points, short, found = points[samples], short[samples], found[samples]
+        points, short, poses = points[samples], short[samples], poses[samples]
         s, t, direction = s[samples], t[samples], direction[samples]
         # Force and moment about the origin of frame 0 on each link.
         geometry = self.robot.geometry
@@ -160,7 +160,7 @@ class Clearance:
             if parent is not None:
                 force[:, parent + 1] += force[:, joint + 1]
                 moment[:, parent + 1] += moment[:, joint + 1]
-            frame = found[:, joint + 1]
+            frame = poses[:, joint + 1]
             z, origin = frame[:, :3, 2], frame[:, :3, 3]
             pull = force[:, joint + 1]
             if geometry.kinds[joint] == "revolute":
@@ -176,9 +176,9 @@ class Clearance:
             i, j = (int(self.links[k]) for k in self.pairs[column])
             return f"links {i} and {j}"
         column -= n_pairs
-        for moving, axis, side, place in self.walls:
+        for moving, axis, side, bound in self.walls:
             if column < len(moving):
-                name = "floor" if axis == 2 and side > 0.0 else f"wall at {'xyz'[axis]} = {place:g} m"
+                name = "floor" if axis == 2 and side > 0.0 else f"wall at {'xyz'[axis]} = {bound:g} m"
                 return f"link {int(self.links[moving[column]])} and the {name}"
             column -= len(moving)
         raise IndexError(column)

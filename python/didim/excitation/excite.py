@@ -94,11 +94,11 @@ def excite(
             progress(start, evaluations, value)
 
     try:
-        found = _points(task, both) if points else _series(task, both, executor)
+        motions = _points(task, both) if points else _series(task, both, executor)
     finally:
         if line is not None:
             line.close()
-    return replace(found, elapsed=time.perf_counter() - began)
+    return replace(motions, elapsed=time.perf_counter() - began)
 
 
 def _series(task: Task, progress: Progress | None, executor: Executor | None) -> Excitation:
@@ -116,21 +116,21 @@ def _series(task: Task, progress: Progress | None, executor: Executor | None) ->
             seed = settings.seed + index + trial * TRIAL_SEED
             offset = task.start if task.start is not None else task.resting_place(seed)
             shape = _random_shape(basis, limits, offset, seed)
-            place = None
+            start = None
             if task.start is None:
                 share = (offset - limits.lowest) / (limits.highest - limits.lowest)
-                place = np.log(share / (1.0 - share))
-            trials.append(scaling.pack(shape, place))
+                start = np.log(share / (1.0 - share))
+            trials.append(scaling.pack(shape, start))
             if first is None:
                 first = Series(basis=basis, scaled=shape, offset=offset)
         problems.append(problem)
         starts.append(trials)
     assert first is not None
     random = problems[0].feasible(first)
-    found, problems, interrupted = search_all(
+    reached, problems, interrupted = search_all(
         problems, starts, settings.iterations, settings.seed, _threads(settings), progress, executor
     )
-    ends = [_end(problem, one) for problem, one in zip(problems, found, strict=True)]
+    ends = [_end(problem, one) for problem, one in zip(problems, reached, strict=True)]
     values = [
         -np.inf if end is None else problem.criterion(problem.information.matrix(*end.motion()[:3]))[0]
         for problem, end in zip(problems, ends, strict=True)

@@ -117,7 +117,7 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
     system = linear_system(robot, parts, experiment.signal, selection)
     solution = np.linalg.lstsq(system.w, system.y, rcond=1e-10)
     residual = system.y - system.w @ solution[0]
-    kept = len(system.y) // robot.n_dof
+    rows_per_joint = len(system.y) // robot.n_dof
     seconds = sum(len(part.q) / part.rate_hz for part in parts)
     # Degrees of freedom are reduced by the same share at each joint.
     share = 1.0 - int(solution[2]) / len(system.y)
@@ -126,4 +126,4 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
             f"experiment {experiment.name!r} has too few samples to estimate the noise of its torques"
         )
     variance = np.array([np.mean(residual[rows] ** 2) for rows in system.joints]) / share
-    return np.asarray(np.sqrt(variance * log_rate_hz / (kept / seconds)))
+    return np.asarray(np.sqrt(variance * log_rate_hz / (rows_per_joint / seconds)))

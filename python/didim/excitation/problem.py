@@ -100,7 +100,7 @@ class Problem:
 
     def value(self, v: Array, weight: float) -> tuple[float, Array]:
         """Return the objective to be minimised and its gradient; `weight` is that of the penalties."""
-        motion, way = self.series.build(v)
+        motion, chain = self.series.build(v)
         q, dq, ddq = (values[:: self.thinning] for values in motion.motion()[:3])
         information = self.information
         value, derivative = self.criterion(information.matrix(q, dq, ddq))
@@ -128,15 +128,15 @@ class Problem:
             short, slope = self.clearance.penalty(q, CLEARANCE_SCALE, self.extra_clearance)
             objective += weight * short
             gq = gq + weight * slope
-        return objective, self.series.back(way, *(self._whole(values) for values in (gq, gdq, gddq)))
+        return objective, self.series.back(chain, *(self._whole(values) for values in (gq, gdq, gddq)))
 
     def _whole(self, values: Array) -> Array:
         """Return the gradient on the whole grid, zero at unused samples."""
         if self.thinning == 1:
             return values
-        found = np.zeros((self.series.basis.samples, self.series.n))
-        found[:: self.thinning] = values
-        return found
+        whole = np.zeros((self.series.basis.samples, self.series.n))
+        whole[:: self.thinning] = values
+        return whole
 
     def torques(self, motion: tuple[Array, Array, Array, Array]) -> Array | None:
         """Torques of a motion (N.m or N), ``(n_samples, n_dof)``; None without parameters."""

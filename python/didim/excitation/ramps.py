@@ -45,11 +45,11 @@ class Ramp:
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at times within the ramp, ``(n_times, n_dof)`` each."""
         u = t / self.duration
-        way = self.end - self.start
+        span = self.end - self.start
         s = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
         ds = 30.0 * u**2 * (1.0 - u) ** 2 / self.duration
         dds = 60.0 * u * (1.0 - 3.0 * u + 2.0 * u**2) / self.duration**2
-        return self.start + np.outer(s, way), np.outer(ds, way), np.outer(dds, way)
+        return self.start + np.outer(s, span), np.outer(ds, span), np.outer(dds, span)
 
 
 def ramp(
@@ -73,18 +73,18 @@ def ramp(
     ExcitationError
         When the path itself violates the limits; the sentence names the joint or the obstacle.
     """
-    way = np.abs(end - start)
-    if not way.any():
+    span = np.abs(end - start)
+    if not span.any():
         return None
     kinds = (limits.velocity, limits.acceleration, limits.jerk)
     needed = [
-        float((peak * way / limit).max()) ** (1.0 / (order + 1))
+        float((peak * span / limit).max()) ** (1.0 / (order + 1))
         for order, (peak, limit) in enumerate(zip(PEAKS, kinds, strict=True))
     ]
     duration = max(needed)
-    found = Ramp(start=start, end=end, duration=duration)
+    shortest = Ramp(start=start, end=end, duration=duration)
     if not clearance.empty:
-        distances = clearance.distances(found.at(np.linspace(0.0, duration, LOOKS))[0])
+        distances = clearance.distances(shortest.at(np.linspace(0.0, duration, LOOKS))[0])
         sample, column = np.unravel_index(int(distances.argmin()), distances.shape)
         if distances[sample, column] < 0.0:
             raise ExcitationError(
@@ -93,11 +93,11 @@ def ramp(
             )
     for _ in range(MOST_LONGER):
         if not callable(torques):
-            return found
-        relative = np.abs(torques(*found.at(np.linspace(0.0, found.duration, LOOKS)))) / limits.torque
+            return shortest
+        relative = np.abs(torques(*shortest.at(np.linspace(0.0, shortest.duration, LOOKS)))) / limits.torque
         if (relative <= 1.0).all():
-            return found
-        found = Ramp(start=start, end=end, duration=LONGER * found.duration)
+            return shortest
+        shortest = Ramp(start=start, end=end, duration=LONGER * shortest.duration)
     joint = int(relative.max(axis=0).argmax()) + 1
     raise ExcitationError(
         f"the ramp between home and the start of the motion needs more torque of joint {joint} than its limit, at any speed; "

@@ -161,11 +161,11 @@ class ScaledSeries:
         """Number of variables."""
         return self.n * (self.free + (self.start is None) + self.shrinks)
 
-    def pack(self, shape: Array, place: Array | None = None) -> Array:
+    def pack(self, shape: Array, center: Array | None = None) -> Array:
         """Return the variables of a shape ``(n_free, n_dof)`` and of free offsets, 0 being the middle of their range."""
         parts = [shape.ravel()]
         if self.start is None:
-            parts.append(np.zeros(self.n) if place is None else place)
+            parts.append(np.zeros(self.n) if center is None else center)
         if self.shrinks:
             parts.append(np.full(self.n, 0.3))
         return np.concatenate(parts)
@@ -183,7 +183,7 @@ class ScaledSeries:
         limits, n = self.limits, self.n
         shape = v[: self.free * n].reshape(self.free, n)
         rest = v[self.free * n :]
-        place = rest[:n] if self.start is None else None
+        center = rest[:n] if self.start is None else None
         shrink = rest[-n:] if self.shrinks else np.zeros(n)
         kappa = 1.0 / (1.0 + shrink**2)
         values = [basis @ shape for basis in self.basis.grid]
@@ -210,37 +210,39 @@ class ScaledSeries:
         )
         scale = kappa / use
         offset, share = self.start, None
-        if place is not None:
+        if center is not None:
             with np.errstate(over="ignore"):  # the share vanishes far outside
-                share = 1.0 / (1.0 + np.exp(-place))
+                share = 1.0 / (1.0 + np.exp(-center))
             room = width - scale * (above + below)
             offset = limits.lowest + scale * below + share * room
         series = Series(basis=self.basis, scaled=scale * shape, offset=np.asarray(offset))
-        way = _Way(shape, kappa, shrink, use, np.asarray(change), scale, share)
+        chain = _Way(shape, kappa, shrink, use, np.asarray(change), scale, share)
         if share is not None:
-            way.extent = (above, below, self.basis.grid[0].T @ d_above, -self.basis.grid[0].T @ d_below)
-        return series, way
+            chain.extent = (above, below, self.basis.grid[0].T @ d_above, -self.basis.grid[0].T @ d_below)
+        return series, chain
 
-    def back(self, way: _Way, gq: Array, gdq: Array, gddq: Array) -> Array:
+    def back(self, chain: _Way, gq: Array, gdq: Array, gddq: Array) -> Array:
         """Return the gradient with respect to the variables from gradients with respect to the motion on the grid."""
         position, velocity, acceleration, _ = self.basis.grid
         scaled = position.T @ gq + velocity.T @ gdq + acceleration.T @ gddq
-        shape, scale = way.shape, way.scale
+        shape, scale = chain.shape, chain.scale
         grad_shape = scaled * scale
         grad_scale = (scaled * shape).sum(axis=0)
         parts = []
-        if way.share is not None:
-            above, below, d_above, d_below = way.extent
+        if chain.share is not None:
+            above, below, d_above, d_below = chain.extent
             to_offset = gq.sum(axis=0)
             # offset = lowest + (1 - share) scale below + share (width - scale above)
-            grad_scale = grad_scale + to_offset * ((1.0 - way.share) * below - way.share * above)
-            grad_shape = grad_shape + to_offset * scale * ((1.0 - way.share) * d_below - way.share * d_above)
+            grad_scale = grad_scale + to_offset * ((1.0 - chain.share) * below - chain.share * above)
+            grad_shape = grad_shape + to_offset * scale * (
+                (1.0 - chain.share) * d_below - chain.share * d_above
+            )
             width = self.limits.highest - self.limits.lowest
             room = width - scale * (above + below)
-            parts.append(to_offset * room * way.share * (1.0 - way.share))
-        grad_shape = grad_shape - grad_scale * (scale / way.use) * way.change
+            parts.append(to_offset * room * chain.share * (1.0 - chain.share))
+        grad_shape = grad_shape - grad_scale * (scale / chain.use) * chain.change
         if self.shrinks:
-            parts.append(grad_scale / way.use * (-2.0 * way.shrink * way.kappa**2))
+            parts.append(grad_scale / chain.use * (-2.0 * chain.shrink * chain.kappa**2))
         return np.concatenate([grad_shape.ravel(), *parts])
 
 

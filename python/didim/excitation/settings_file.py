@@ -56,37 +56,37 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
     if table.integer("schema") != 1:
         raise ExcitationError(f"{path.name}: schema must be 1")
     main = table.part("excitation")
-    found: dict[str, Any] = {"wanted": (), **main.given()}
+    settings: dict[str, Any] = {"wanted": (), **main.given()}
     for key, name in (("for", "wanted"), ("smoothing_rad_s", "smoothing")):
-        if key in found:
-            found[name] = found.pop(key)
+        if key in settings:
+            settings[name] = settings.pop(key)
     for key in ("start", "home"):
-        found[key] = _per_joint(main, key, robot)
-    found["torque_noise"] = _forces(main, "torque_noise", robot)
-    if is_file(found.get("parameters", "")):
-        found["parameters"] = str(path.parent / found["parameters"])
-    if "noise_of" in found:
-        found["noise_of"] = path.parent / found["noise_of"]
-    found["prior"] = tuple(path.parent / name for name in found.get("prior", ()))
+        settings[key] = _per_joint(main, key, robot)
+    settings["torque_noise"] = _forces(main, "torque_noise", robot)
+    if is_file(settings.get("parameters", "")):
+        settings["parameters"] = str(path.parent / settings["parameters"])
+    if "noise_of" in settings:
+        settings["noise_of"] = path.parent / settings["noise_of"]
+    settings["prior"] = tuple(path.parent / name for name in settings.get("prior", ()))
     main.done()
     limits = table.part("limits")
-    found["position"] = _ranges(limits, robot)
+    settings["position"] = _ranges(limits, robot)
     for key, per in (("velocity", "_s"), ("acceleration", "_s2"), ("jerk", "_s3")):
-        found[key] = _per_joint(limits, f"max_{key}", robot, per)
-    found["torque"] = _forces(limits, "max_torque", robot)
+        settings[key] = _per_joint(limits, f"max_{key}", robot, per)
+    settings["torque"] = _forces(limits, "max_torque", robot)
     limits.done()
     workspace = table.part("workspace")
-    found["workspace"] = Workspace(
+    settings["workspace"] = Workspace(
         lowest=_corner(workspace, "lowest_m"),
         highest=_corner(workspace, "highest_m"),
         floor=workspace.number("floor_m", None),
         clearance=workspace.number("clearance_m"),
     )
     workspace.done()
-    found["capsules"] = read_capsules(table.tables("collision"), robot.n_dof)
-    found["friction"] = table.part("friction").content
+    settings["capsules"] = read_capsules(table.tables("collision"), robot.n_dof)
+    settings["friction"] = table.part("friction").content
     table.done()
-    return table.checked(lambda: ExcitationSettings(**found))
+    return table.checked(lambda: ExcitationSettings(**settings))
 
 
 def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
@@ -101,19 +101,19 @@ def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[floa
 
 def _forces(table: Table, key: str, robot: Robot) -> list[float] | None:
     """Read one number per joint of the keys ``..._n_m`` (torques) and ``..._n`` (forces)."""
-    found: list[float | None] = [None] * robot.n_dof
+    forces: list[float | None] = [None] * robot.n_dof
     for unit, kind in (("n_m", "revolute"), ("n", "prismatic")):
         numbers = table.spread(f"{key}_{unit}", robot.n_dof, None)
         for joint, number in enumerate(numbers or ()):
             if robot.joint_kinds[joint] == kind:
-                found[joint] = number
-    return _complete(table, key, found)
+                forces[joint] = number
+    return _complete(table, key, forces)
 
 
-def _complete(table: Table, key: str, found: Sequence[float | None]) -> list[float] | None:
-    values = [value for value in found if value is not None]
-    if values and len(values) < len(found):
-        table.fail(f"{key} is missing for joint {list(found).index(None) + 1}")
+def _complete(table: Table, key: str, read: Sequence[float | None]) -> list[float] | None:
+    values = [value for value in read if value is not None]
+    if values and len(values) < len(read):
+        table.fail(f"{key} is missing for joint {list(read).index(None) + 1}")
     return values or None
 
 

@@ -126,12 +126,12 @@ def initialise(  # many parameters: one per option of `didim init`
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)
-    place = path.with_name(f"{path.stem}_robot.toml")
+    robot_path = path.with_name(f"{path.stem}_robot.toml")
     if own_file:
-        check_output(place)
-        if not force and place.exists() and place.read_text(encoding="utf-8") != own_file:
+        check_output(robot_path)
+        if not force and robot_path.exists() and robot_path.read_text(encoding="utf-8") != own_file:
             raise ExperimentError(
-                f"{place}: another robot is there already; --force overwrites it, -o writes another"
+                f"{robot_path}: another robot is there already; --force overwrites it, -o writes another"
             )
     beside, alone = path.parent, len(paths) == 1
     sources = [
@@ -143,13 +143,13 @@ def initialise(  # many parameters: one per option of `didim init`
     draft = Draft(notes=model.notes)
     tables = _tables(model, sources, options, path, draft)
     name = (paths[0] if alone else path).stem
-    head = _head(model, _named(str(place) if own_file else robot, path), path, paths, name)
+    head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name)
     draft.text = _finished("\n".join([*_open(draft.questions), *head, *tables]) + "\n", draft)
     if own_file:
         draft.read.insert(
-            0, f"{place}: written, the robot with {counted(model.n_dof, 'joint')} whose chain was chosen"
+            0, f"{robot_path}: written, the robot with {counted(model.n_dof, 'joint')} whose chain was chosen"
         )
-        write(place, own_file)
+        write(robot_path, own_file)
     write(path, draft.text)
     return path, draft
 
@@ -246,16 +246,16 @@ def _model(
     if Path(robot).suffix.lower() != ".urdf":
         return load_robot(robot), None
     names = [name for log in logs for name in log_names(log, topic)]
-    found = chain_of_names(Path(robot), names)
+    named_chain = chain_of_names(Path(robot), names)
     try:
         whole = load_robot(robot)
     except RobotError as error:
-        if found is None:
+        if named_chain is None:
             raise RobotError(str(error).replace("didim robot --tip", "--tip")) from None
     else:
-        if found is None or whole.geometry.in_line:
+        if named_chain is None or whole.geometry.in_line:
             return whole, None
-    tip, locked = found
+    tip, locked = named_chain
     model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
     return model, robot_text(model)
 
@@ -313,15 +313,15 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     """
     closed = text.replace(f"\n{OPEN_GAIN} ", f"\n{OPEN_GAIN[2:]} ")
     table = Table(tomllib.loads(closed), path.name, ExperimentError, keys=declared("experiment"))
-    found = []
+    recordings = []
     try:
         reduction = read_reduction(table.table("transmission", None), robot.reduction, robot.n_dof)
         folder = DataFolder(path.parent)
         for k, part in enumerate(table.tables("recording")):
-            found.append(read_recording(part, f"recording {k + 1}", robot, reduction, folder))
+            recordings.append(read_recording(part, f"recording {k + 1}", robot, reduction, folder))
     except DidimError:
         return [], False
-    return found, closed == text and all(recording.tau is not None for recording in found)
+    return recordings, closed == text and all(recording.tau is not None for recording in recordings)
 
 
 def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Draft) -> list[str]:
@@ -362,7 +362,7 @@ def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Dra
 
 def _limits(robot: Robot) -> list[str]:
     """Return the line of the servos' largest torques, if actuators or joints have them."""
-    if any(getattr(item, "effort", None) is not None for item in robot.actuators):
+    if any(getattr(actuator, "effort", None) is not None for actuator in robot.actuators):
         return ["# saturation: that of the actuators of the robot file"]
     efforts = [limits.effort for limits in robot.limits]
     if any(effort is None for effort in efforts):

@@ -111,7 +111,7 @@ class Column:
     file: int = 0
 
 
-def column(name: str, joint_names: Sequence[str] = ()) -> Column:
+def read_column(name: str, joint_names: Sequence[str] = ()) -> Column:
     """Read the name of a column: ``q1``, ``motor_2_torque_Nm``, ``pos[3] (deg)``, ``elbow_joint effort``, ``actual_q_0``.
 
     Parameters
@@ -136,11 +136,14 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
     if named is None:
         return _column(name, name)
     joint, rest = named
-    found = _column(name, rest)
+    column_found = _column(name, rest)
     # A log of only positions may use the joint names as column names.
     bare = not re.search(r"\w", rest)
     return replace(
-        found, number=joint + 1, what="position" if bare else found.what, placed=bare or found.placed
+        column_found,
+        number=joint + 1,
+        what="position" if bare else column_found.what,
+        placed=bare or column_found.placed,
     )
 
 
@@ -148,12 +151,12 @@ def _joint_of(name: str, joint_names: Sequence[str]) -> tuple[int, str] | None:
     """Return the joint (from 0) in a column's name, the longest match, and the name without it."""
     for affix in ("", r"[_\W]*joint[_\W]*"):  # shoulder_pan for shoulder_pan_joint
         short = {joint: re.sub(affix, "", key, flags=re.IGNORECASE) for joint, key in enumerate(joint_names)}
-        for joint, key in sorted(short.items(), key=lambda item: -len(item[1])):
+        for joint, key in sorted(short.items(), key=lambda pair: -len(pair[1])):
             if len(key) < 2:
                 continue
-            found = re.search(rf"(?<![A-Za-z0-9]){re.escape(key)}(?![A-Za-z0-9])", name, flags=re.IGNORECASE)
-            if found:
-                return joint, f"{name[: found.start()]} {name[found.end() :]}"
+            match = re.search(rf"(?<![A-Za-z0-9]){re.escape(key)}(?![A-Za-z0-9])", name, flags=re.IGNORECASE)
+            if match:
+                return joint, f"{name[: match.start()]} {name[match.end() :]}"
     return None
 
 
@@ -223,12 +226,12 @@ def _common_begin(names: Sequence[str]) -> str:
     return first[:end]
 
 
-def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int) -> tuple[list[str], str]:
+def joints_by_name(labels: Sequence[str], joint_names: Sequence[str], n_dof: int) -> tuple[list[str], str]:
     """Return the joints of a log in the order of the robot's, with a sentence if names were matched approximately.
 
     Parameters
     ----------
-    found : sequence of str
+    labels : sequence of str
         Names in the log.
     joint_names : sequence of str
         Names of the robot's joints, or none.
@@ -240,18 +243,18 @@ def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int)
     list of str, str
         Names in the log, none if the match is ambiguous, and a sentence, empty if the names are the robot's.
     """
-    if joint_names and set(joint_names) <= set(found):
+    if joint_names and set(joint_names) <= set(labels):
         return list(joint_names), ""
     common = _common_begin(joint_names) if len(joint_names) > 1 else ""
     ends = [name.removeprefix(common) for name in joint_names]
-    begins = {name.removesuffix(ends[0]) for name in found if ends and name.endswith(ends[0])}
-    fitting = [begin for begin in begins if all(begin + end in found for end in ends)]
+    begins = {name.removesuffix(ends[0]) for name in labels if ends and name.endswith(ends[0])}
+    fitting = [begin for begin in begins if all(begin + end in labels for end in ends)]
     if len(fitting) == 1:
         names = [fitting[0] + end for end in ends]
         return names, f"joints {names[0]} to {names[-1]} of the log are {joint_names[0]} to {joint_names[-1]}"
-    numbers = [re.findall(r"\d+", name)[-1:] for name in found]
-    if len(found) == n_dof and all(numbers) and not fitting:
-        ordered = sorted(zip((int(number[0]) for number in numbers), found, strict=True))
+    numbers = [re.findall(r"\d+", name)[-1:] for name in labels]
+    if len(labels) == n_dof and all(numbers) and not fitting:
+        ordered = sorted(zip((int(number[0]) for number in numbers), labels, strict=True))
         if [number for number, _ in ordered] == list(range(ordered[0][0], ordered[0][0] + n_dof)):
             names = [name for _, name in ordered]
             return names, f"joints {names[0]} to {names[-1]} of the log are joints 1 to {n_dof} of the robot"
@@ -263,8 +266,8 @@ def listed(columns: Sequence[Column]) -> str:
     variable = columns[0].variable
     if variable is not None and isinstance(columns[0].name, int):
         return f"{variable!r}"
-    if all(isinstance(item.name, int) for item in columns) and len(columns) > 1:
-        numbers = [int(item.name) for item in columns]
+    if all(isinstance(each.name, int) for each in columns) and len(columns) > 1:
+        numbers = [int(each.name) for each in columns]
         if numbers == list(range(numbers[0], numbers[0] + len(numbers))):
             return f"{numbers[0]} to {numbers[-1]}"
-    return series(str(item.name) for item in columns)
+    return series(str(each.name) for each in columns)

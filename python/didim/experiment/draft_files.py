@@ -54,7 +54,7 @@ class Log(Protocol):
     def values(self, columns: Sequence[Column]) -> Array:
         """Return the values of some columns, (n_samples, n)."""
 
-    def place(self, item: Column, row: int) -> str:
+    def place(self, column: Column, row: int) -> str:
         """Return the location of a value in words: file, row from 1, column."""
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
@@ -93,19 +93,19 @@ class LogFiles:
     def want(self, columns: Sequence[Column]) -> None:
         """Request columns before reading."""
         for number, source in enumerate(self.files):
-            source.want([item for item in columns if item.file == number])
+            source.want([column for column in columns if column.file == number])
 
     def values(self, columns: Sequence[Column]) -> Array:
         """Return the values of some columns, (n_samples, n)."""
-        return np.hstack([self.files[item.file].values([item]) for item in columns])
+        return np.hstack([self.files[column.file].values([column]) for column in columns])
 
-    def place(self, item: Column, row: int) -> str:
+    def place(self, column: Column, row: int) -> str:
         """Return the location of a value in words: file, row from 1, column."""
-        return self.files[item.file].place(item, row)
+        return self.files[column.file].place(column, row)
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
         """Return the TOML lines that name some columns; one column per file becomes a list of files."""
-        numbers = [item.file for item in columns]
+        numbers = [column.file for column in columns]
         if len(set(numbers)) < 2:
             return self.files[numbers[0] if numbers else 0].lines(columns, robot)
         others = self.files[numbers[0]].keys[1:]
@@ -113,7 +113,7 @@ class LogFiles:
         return [
             f"file = [{', '.join(names)}]",
             *others,
-            f"columns = {quoted([item.name for item in columns])}",
+            f"columns = {quoted([column.name for column in columns])}",
         ]
 
 
@@ -159,7 +159,7 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:
     """Return the kinds of signals among some columns."""
-    there = {item.what for item in columns if (file is None or item.file == file) and not item.placed}
+    there = {column.what for column in columns if (file is None or column.file == file) and not column.placed}
     return [kind for kind in ("time", *SIGNALS) if kind in there]
 
 
@@ -183,7 +183,7 @@ def _groups(sources: Sequence[LogSource], robot: Robot) -> list[list[LogSource]]
 
 def _complete(group: Sequence[LogSource], robot: Robot) -> bool:
     """Whether files together have positions and efforts of all joints."""
-    kinds = [item.what for source in group for item in source.columns if not item.placed]
+    kinds = [column.what for source in group for column in source.columns if not column.placed]
     return kinds.count("position") >= robot.n_dof and any(
         kinds.count(kind) >= robot.n_dof for kind in EFFORTS
     )
@@ -194,23 +194,23 @@ def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
     seen: set[tuple[str, int | None]] = set()
     blank = 0
     for source in group:
-        signals = [item for item in source.columns if item.what != "time"]
+        signals = [column for column in source.columns if column.what != "time"]
         kinds = [kind for kind in _kinds(signals) if kind in SIGNALS]
         if signals and not kinds:
             if len(signals) != robot.n_dof:
                 return False
             blank += 1
-        mine = {(kind, signals[0].number if len(signals) == 1 else None) for kind in kinds}
-        if mine & seen:
+        own_kinds = {(kind, signals[0].number if len(signals) == 1 else None) for kind in kinds}
+        if own_kinds & seen:
             return False
-        seen |= mine
+        seen |= own_kinds
     # If no name gives a kind, positions and torques are distinguished by their values.
     return blank == 0 or (blank == len([s for s in group if any(i.what != "time" for i in s.columns)]) >= 2)
 
 
 def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
     """Merge several files with equal rows into one log."""
-    columns = [replace(item, file=k) for k, source in enumerate(group) for item in source.columns]
+    columns = [replace(column, file=k) for k, source in enumerate(group) for column in source.columns]
     rows = [_rows(source) for source in group]
     for source, count in zip(group, rows, strict=True):
         if count != rows[0]:
@@ -232,12 +232,12 @@ def _rows(source: LogSource) -> int:
 def _by_values(log: LogFiles, robot: Robot) -> None:
     """Classify positions, velocities and torques by their values, if file names do not."""
     blocks = [
-        [k for k, item in enumerate(log.columns) if item.file == number and item.what != "time"]
+        [k for k, column in enumerate(log.columns) if column.file == number and column.what != "time"]
         for number in range(len(log.files))
     ]
     blocks = [block for block in blocks if block]
     values = [log.values([log.columns[k] for k in block]) for block in blocks]
-    stamps = [item for item in log.columns if item.what == "time"]
+    stamps = [column for column in log.columns if column.what == "time"]
     t = log.values(stamps[:1])[:, 0] if stamps else np.arange(len(values[0]), dtype=np.float64)
     for kind, block in zip(kinds_of_blocks(values, t), blocks, strict=True):
         for number, k in enumerate(block):
@@ -246,21 +246,21 @@ def _by_values(log: LogFiles, robot: Robot) -> None:
 
 def _one_time(log: LogFiles) -> None:
     """Use the time stamps of the file with the positions; refuse files with different stamps."""
-    stamps = [item for item in log.columns if item.what == "time"]
-    if len({item.file for item in stamps}) < 2:
+    stamps = [stamp for stamp in log.columns if stamp.what == "time"]
+    if len({stamp.file for stamp in stamps}) < 2:
         return
-    place = next((item.file for item in log.columns if item.what == "position"), stamps[0].file)
-    first = next((item for item in stamps if item.file == place), stamps[0])
+    file_of_stamps = next((stamp.file for stamp in log.columns if stamp.what == "position"), stamps[0].file)
+    first = next((stamp for stamp in stamps if stamp.file == file_of_stamps), stamps[0])
     t = log.values([first])[:, 0]
     step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
-    for item in stamps:
-        if item.file == first.file:
+    for stamp in stamps:
+        if stamp.file == first.file:
             continue
-        apart = np.abs(log.values([item])[:, 0] - t)
+        apart = np.abs(log.values([stamp])[:, 0] - t)
         if apart.max() > SAME_TIME * step:
             row = int(np.argmax(apart > SAME_TIME * step))
-            files = f"{log.files[item.file].path.name} and {log.files[first.file].path.name}"
+            files = f"{log.files[stamp.file].path.name} and {log.files[first.file].path.name}"
             raise ExperimentError(
                 f"{files} have other time stamps from row {row + 1} on: files of one log need equal rows; bring them to one clock"
             )
-        log.columns[log.columns.index(item)] = replace(item, what=REPEATED)
+        log.columns[log.columns.index(stamp)] = replace(stamp, what=REPEATED)

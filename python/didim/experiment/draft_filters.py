@@ -150,11 +150,11 @@ def _trim(cutoff: float, rate: float, samples: int) -> int:
 def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
     """Return the bandwidth of the motion (Hz) and its source, as the beginning of a sentence."""
     if all(recording.q_ref is not None for recording in recordings):
-        references = [replace(item, q=item.q_ref, dq=None) for item in recordings if item.q_ref is not None]
+        references = [replace(log, q=log.q_ref, dq=None) for log in recordings if log.q_ref is not None]
         # A reference may be jittered and rounded too, which spoils its spectrum in long pieces.
-        found = max(min(motion_band(item), contiguous_band(item) or math.inf) for item in references)
-        if found > 0.0:
-            return found, "the reference moves below"
+        band = max(min(motion_band(log), contiguous_band(log) or math.inf) for log in references)
+        if band > 0.0:
+            return band, "the reference moves below"
     measured = max(contiguous_band(recording) for recording in recordings)
     if measured > 0.0:
         return measured, "the motion stands out of the noise below"
@@ -221,10 +221,10 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
     speed = np.abs(q[span:] - q[:-span])
     scale = speed.max(axis=0)
     moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
-    found = _stretches(np.flatnonzero(moving), round(REST_S * rate_hz))
-    if not found:
+    stretches = _stretches(np.flatnonzero(moving), round(REST_S * rate_hz))
+    if not stretches:
         return None
-    start, stop = float(times[found[0]]), float(times[min(found[1] + span, len(times) - 1)])
+    start, stop = float(times[stretches[0]]), float(times[min(stretches[1] + span, len(times) - 1)])
     before, after = start, float(times[-1]) - stop
     if max(before, after) < REST_S:
         return None

@@ -24,17 +24,17 @@ def pendulum_of(log: object) -> Pendulum | None:
 
 def recording_lines(log: object) -> list[str]:
     """Return the lines of a recording with the gain and the load of its log."""
-    found = pendulum_of(log)
-    if found is None:
+    pendulum = pendulum_of(log)
+    if pendulum is None:
         return []
-    return [f"kp = {found.kp:.9g} # in the unit of the servo", f"payload = {quoted(_name(found))}"]
+    return [f"kp = {pendulum.kp:.9g} # in the unit of the servo", f"payload = {quoted(_name(pendulum))}"]
 
 
 def payload_lines(logs: Iterable[object]) -> list[str]:
     """Return the tables of the loads of logs, each once."""
     lines = []
-    for name, found in {_name(item): item for item in map(pendulum_of, logs) if item is not None}.items():
-        mass, distance, moment = found.body
+    for name, pendulum in {_name(each): each for each in map(pendulum_of, logs) if each is not None}.items():
+        mass, distance, moment = pendulum.body
         across = f"{moment + THIN:.6g}"
         lines += [
             "",
@@ -53,16 +53,18 @@ def gain_lines(
 
     `servo` has the gains of the user, kp in N.m/rad for each unit. The default is the file's kp at the median gain of the logs.
     """
-    gains = [item.kp for item in map(pendulum_of, logs) if item is not None]
+    gains = [pendulum.kp for pendulum in map(pendulum_of, logs) if pendulum is not None]
     if not gains:
         return None
     if servo.get("kp"):
         start = servo["kp"][0]
     else:  # the writer of recordings asks for gains that no actuator has
-        start = next((item.kp for item in robot.actuators if item is not None and item.kp), 1.0)
+        start = next(
+            (pendulum.kp for pendulum in robot.actuators if pendulum is not None and pendulum.kp), 1.0
+        )
         start /= statistics.median(gains)
     return "kp = 1.0 # one unit of the servo", f"kp = {{ start = {start:.6g} }} # N.m/rad for each unit"
 
 
-def _name(found: Pendulum) -> str:
-    return f"m{1e3 * found.body[0]:.0f}g_{1e3 * found.length_m:.0f}mm"
+def _name(pendulum: Pendulum) -> str:
+    return f"m{1e3 * pendulum.body[0]:.0f}g_{1e3 * pendulum.length_m:.0f}mm"

@@ -26,7 +26,7 @@ from ..log.data_format import LONGEST_LINE, DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
 from ..robot.robot import Robot
-from .draft_columns import WORDS, Column, column, joints_by_name
+from .draft_columns import WORDS, Column, joints_by_name, read_column
 from .draft_layout import layout
 
 LEAST_SIGNAL_SAMPLES = 16
@@ -79,44 +79,44 @@ class LogSource:
         """Request columns: a text is then parsed once, and a bag's messages of other joints are skipped."""
         if isinstance(self.data, RosBag):
             if columns:
-                self.data.want([item.name for item in columns], columns[0].variable, len(columns))
-        elif columns and all(item.variable is None for item in columns):
-            self.data.want([item.name for item in columns], None, len(columns))
+                self.data.want([column.name for column in columns], columns[0].variable, len(columns))
+        elif columns and all(column.variable is None for column in columns):
+            self.data.want([column.name for column in columns], None, len(columns))
 
     def values(self, columns: Sequence[Column]) -> Array:
         """Return the values of some columns, (n_samples, n)."""
         if isinstance(self.data, RosBag):
-            names = [item.name for item in columns]
+            names = [column.name for column in columns]
             self.data.want(names, columns[0].variable, len(names))
             return self.data.get(names, columns[0].variable, len(names))
-        if all(item.variable is None for item in columns):
-            return self.data.get([item.name for item in columns], None, len(columns))
-        return np.hstack([self._of_array(item) for item in columns])
+        if all(column.variable is None for column in columns):
+            return self.data.get([column.name for column in columns], None, len(columns))
+        return np.hstack([self._of_array(column) for column in columns])
 
-    def _of_array(self, item: Column) -> Array:
-        if isinstance(item.name, str):
-            return self.data.get([item.name], None, 1)
-        return self.data.get([item.name], item.variable, 1)
+    def _of_array(self, column: Column) -> Array:
+        if isinstance(column.name, str):
+            return self.data.get([column.name], None, 1)
+        return self.data.get([column.name], column.variable, 1)
 
-    def place(self, item: Column, row: int) -> str:
+    def place(self, column: Column, row: int) -> str:
         """Return the location of a value in words: file, row from 1, column."""
         line = f" (line {row + 1})" if self.named and isinstance(self.data, CsvFile) else ""
-        matrix = f" of {item.variable!r}" if item.variable not in (None, item.name) else ""
-        return f"{self.path.name}: row {row}{line}, column {item.name!r}{matrix}"
+        matrix = f" of {column.variable!r}" if column.variable not in (None, column.name) else ""
+        return f"{self.path.name}: row {row}{line}, column {column.name!r}{matrix}"
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
         """Return the TOML lines that name some columns."""
-        names = [item.name for item in columns]
+        names = [column.name for column in columns]
         if isinstance(self.data, RosBag):
             if not names or columns[0].variable == "stamp" or names == list(robot.joint_names):
                 return list(self.keys)
             return [*self.keys, f"columns = {quoted(names)}"]
-        variables = {item.variable for item in columns if isinstance(item.name, int)} - {None}
+        variables = {column.variable for column in columns if isinstance(column.name, int)} - {None}
         lines = list(self.keys)
         if variables:
             variable = variables.pop()
             lines.append(f"variable = {quoted(variable)}")
-            width = sum(item.variable == variable for item in self.columns)
+            width = sum(column.variable == variable for column in self.columns)
             if names == list(range(1, width + 1)):
                 return lines
         return [*lines, f"columns = {quoted(names)}"]
@@ -186,17 +186,17 @@ def log_names(log: Path, topic: str | None) -> list[str]:
 
 def _by_file_name(source: LogSource) -> None:
     """Derive the kind of signal from the file name, if no column name gives it."""
-    signals = [item for item in source.columns if item.what != "time"]
-    if not all(item.placed or (item.what == "other" and not source.named) for item in signals):
+    signals = [column for column in source.columns if column.what != "time"]
+    if not all(column.placed or (column.what == "other" and not source.named) for column in signals):
         return
-    said = column(source.path.stem)
-    if said.placed or said.what in ("other", "acceleration"):
+    by_name = read_column(source.path.stem)
+    if by_name.placed or by_name.what in ("other", "acceleration"):
         return
-    for k, item in enumerate(source.columns):
-        if item.what != "time":
-            number = said.number if len(source.columns) == 1 else item.number
+    for k, column in enumerate(source.columns):
+        if column.what != "time":
+            number = by_name.number if len(source.columns) == 1 else column.number
             source.columns[k] = replace(
-                item, what=said.what, motor=item.motor or said.motor, number=number, placed=False
+                column, what=by_name.what, motor=column.motor or by_name.motor, number=number, placed=False
             )
 
 
@@ -212,7 +212,7 @@ def _text(
     if decimal is not None:
         keys.append(f"decimal = {quoted(decimal)}")
     if data.names is not None:
-        return LogSource(data, [column(name, robot.joint_names) for name in data.names], keys, log)
+        return LogSource(data, [read_column(name, robot.joint_names) for name in data.names], keys, log)
     width = len(_cells(lines[0], delimiter))
     if values_per_sample is not None:
         if not 1 <= values_per_sample <= MANY_COLUMNS:
@@ -266,7 +266,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
             continue
         if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
-        kind = column(re.split(r"[/.]", name)[-1], robot.joint_names)
+        kind = read_column(re.split(r"[/.]", name)[-1], robot.joint_names)
         labels = getattr(data, "labels", {}).get(name)
         if labels is not None and len(shape) == 2 and shape[1] == len(labels):
             columns += _labelled(data, name, labels, kind, robot)
@@ -288,14 +288,16 @@ def _labelled(data: ArrayFile, name: str, labels: Sequence[str], kind: Column, r
     joints = [joint.removesuffix("_joint") for joint in robot.joint_names]
     named = set(joints) <= set(stems) and len(set(stems)) == len(stems)
     values = np.asarray(data.array(name))
-    found = []
+    labelled = []
     for k, stem in enumerate(stems):
         number = (joints.index(stem) + 1 if stem in joints else None) if named else k + 1
         low, high = float(values[:, k].min()), float(values[:, k].max())
         share = "gripper" in stem and low >= PERCENT[0] and high <= PERCENT[1]
         what = kind.what if number is not None else "other"
-        found.append(Column(k + 1, what, number, "percent" if share else kind.unit, kind.motor, name, name))
-    return found
+        labelled.append(
+            Column(k + 1, what, number, "percent" if share else kind.unit, kind.motor, name, name)
+        )
+    return labelled
 
 
 def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
@@ -344,11 +346,11 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
         )
     file, colon, columns = text.partition(":")
     meant = [source for source in sources if colon and file in (source.path.name, source.path.stem)]
-    found = [(source, _places(source, columns if meant else text)) for source in meant or sources]
-    fitting = [(source, places) for source, places in found if isinstance(places, list)]
+    choices = [(source, _places(source, columns if meant else text)) for source in meant or sources]
+    fitting = [(source, places) for source, places in choices if isinstance(places, list)]
     if not fitting:
-        source, missing = found[0]
-        names = [item.name for item in source.columns]
+        source, missing = choices[0]
+        names = [column.name for column in source.columns]
         near = did_you_mean(str(missing), map(str, names)) if source.named else ""
         raise ExperimentError(
             f"{source.path.name}: --columns {kind}={text}: there is no column {missing!r}{near}"
@@ -360,12 +362,12 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
 def _places(source: LogSource, text: str) -> list[int] | str:
     """Return the indices of the columns named in a text, or its first part that does not name a column."""
     names: dict[str, list[int]] = {}
-    for k, item in enumerate(source.columns):
-        names.setdefault(str(item.name), []).append(k)
-        if item.variable is not None and isinstance(item.name, int):
-            names.setdefault(item.variable, []).append(k)
+    for k, column in enumerate(source.columns):
+        names.setdefault(str(column.name), []).append(k)
+        if column.variable is not None and isinstance(column.name, int):
+            names.setdefault(column.variable, []).append(k)
     if isinstance(source.data, RosBag):
-        names = {name: found[:1] for name, found in names.items()}
+        names = {name: at[:1] for name, at in names.items()}
     numbers = {str(k + 1): [k] for k in range(len(source.columns))}
     places: list[int] = []
     for part in (part.strip() for part in text.split(",")):
@@ -386,16 +388,16 @@ def _choose(source: LogSource, kind: str, places: list[int]) -> None:
         # The joints are chosen once for all signals of the bag.
         order = [source.columns[k].name for k in places]
         source.joints, source.note = (), ""
-        for k, item in enumerate(source.columns):
-            signal = BAG_KINDS.get(str(item.variable))
+        for k, column in enumerate(source.columns):
+            signal = BAG_KINDS.get(str(column.variable))
             if signal is not None:
-                number = order.index(item.name) + 1 if item.name in order else None
-                source.columns[k] = replace(item, what=signal if number else "other", number=number)
+                number = order.index(column.name) + 1 if column.name in order else None
+                source.columns[k] = replace(column, what=signal if number else "other", number=number)
         return
     # Named velocities keep their kind; other columns previously assigned to this kind lose it.
-    for k, item in enumerate(source.columns):
-        if item.what == kind:
-            source.columns[k] = replace(item, what="other")
+    for k, column in enumerate(source.columns):
+        if column.what == kind:
+            source.columns[k] = replace(column, what="other")
     for number, k in enumerate(places):
         source.columns[k] = replace(
             source.columns[k], what=kind, number=number + 1, stem=f"--columns {kind}", placed=False

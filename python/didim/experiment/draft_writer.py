@@ -74,7 +74,10 @@ def has_gains(robot: Robot, options: DraftOptions) -> bool:
     """Whether the gains of position servos are known, from the user or from the robot's actuators."""
     return all(
         key in options.servo
-        or (bool(robot.actuators) and all(getattr(item, key, None) is not None for item in robot.actuators))
+        or (
+            bool(robot.actuators)
+            and all(getattr(actuator, key, None) is not None for actuator in robot.actuators)
+        )
         for key in ("kp", "kv")
     )
 
@@ -133,9 +136,9 @@ class RecordingWriter:
     def lines(self) -> list[str]:
         """Return the lines of the table."""
         lines = ["", "[[recording]]", f"name = {quoted(self.name)}", *recording_lines(self.source)]
-        stamps = [item for item in self.source.columns if item.what == "time"]
+        stamps = [column for column in self.source.columns if column.what == "time"]
         # The header's stamp is the time of the measurement, another one the time of arrival.
-        stamps.sort(key=lambda item: "stamp" not in str(item.name))
+        stamps.sort(key=lambda column: "stamp" not in str(column.name))
         for group in (stamps[:1], self.position, self.torque, self.reference):
             self.source.want(group)
         if self.source.note:
@@ -148,31 +151,33 @@ class RecordingWriter:
             lines += self._effort(self.torque)
         if self.reference:
             lines += self._motion("reference", self.reference)
-        used = {self._key(item) for item in (*self.position, *self.velocity, *self.torque, *self.reference)}
-        used |= {self._key(item) for item in stamps}
+        used = {
+            self._key(column) for column in (*self.position, *self.velocity, *self.torque, *self.reference)
+        }
+        used |= {self._key(column) for column in stamps}
         left = [
-            str(item.name)
-            for item in self.source.columns
-            if item.what != REPEATED and self._key(item) not in used
+            str(column.name)
+            for column in self.source.columns
+            if column.what != REPEATED and self._key(column) not in used
         ]
         if left and self.source.named:
             lines += ["", f"# Columns that are not used: {', '.join(one_line(name) for name in left)}"]
         return lines
 
     @staticmethod
-    def _key(item: Column) -> tuple[int, str | None, str | int]:
-        return item.file, item.variable, item.name
+    def _key(column: Column) -> tuple[int, str | None, str | int]:
+        return column.file, column.variable, column.name
 
     def _group(self, kind: str) -> list[Column]:
         """Return the columns of a kind, one per joint, by their numbers; ask if several are possible."""
         n = self.robot.n_dof
         groups: dict[tuple[int, str | None, str], list[Column]] = {}
-        for item in self.source.columns:
-            if item.what == kind:
-                variable = item.variable if isinstance(item.name, int) else None
-                groups.setdefault((item.file, variable, item.stem), []).append(item)
+        for column in self.source.columns:
+            if column.what == kind:
+                variable = column.variable if isinstance(column.name, int) else None
+                groups.setdefault((column.file, variable, column.stem), []).append(column)
         whole = [group for group in groups.values() if len(group) == n and self._one_each(group)]
-        every = [item for group in groups.values() for item in group]
+        every = [column for group in groups.values() for column in group]
         if not whole and len(every) == n:
             whole = [every]
         if len(whole) > 1:
@@ -190,11 +195,11 @@ class RecordingWriter:
         if not whole:
             return []
         group = whole[0]
-        return sorted(group, key=lambda item: item.number or 0) if self._one_each(group) else group
+        return sorted(group, key=lambda column: column.number or 0) if self._one_each(group) else group
 
     @staticmethod
     def _one_each(group: Sequence[Column]) -> bool:
-        numbers = [item.number for item in group]
+        numbers = [column.number for column in group]
         return len(group) == 1 or (None not in numbers and len(set(numbers)) == len(numbers))
 
     def _ask(self, question: str) -> None:
@@ -245,8 +250,8 @@ class RecordingWriter:
     @property
     def _rollouts(self) -> list[Column]:
         """Return the column that numbers rollouts, if it has several numbers."""
-        found = [item for item in self.source.columns if str(item.name) in ROLLOUTS]
-        return [item for item in found[:1] if np.ptp(self.source.values([item])) > 0.0]
+        rollouts = [column for column in self.source.columns if str(column.name) in ROLLOUTS]
+        return [column for column in rollouts[:1] if np.ptp(self.source.values([column])) > 0.0]
 
     def _first_rollout(self, t: Array) -> Array:
         """Return the time stamps of the first rollout; others restart the time."""
@@ -278,10 +283,10 @@ class RecordingWriter:
         if not self.position or self.rate is None:
             return []
         q = self.source.values(self.position)
-        found = moving_window(q, np.arange(len(q)) / self.rate if t is None else t - t[0], self.rate)
-        if found is None:
+        window = moving_window(q, np.arange(len(q)) / self.rate if t is None else t - t[0], self.rate)
+        if window is None:
             return []
-        start, stop = found
+        start, stop = window
         self._tell(
             f"the arm moves from {start:g} s to {stop:g} s; the samples before and after are left out (windows_s)"
         )
@@ -291,7 +296,7 @@ class RecordingWriter:
 
     def _missing(self, table: str, wanted: str) -> list[str]:
         n = self.robot.n_dof
-        names = quoted([str(item.name) for item in self.source.columns][: 3 * n])
+        names = quoted([str(column.name) for column in self.source.columns][: 3 * n])
         option = (
             f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
         )
@@ -325,7 +330,7 @@ class RecordingWriter:
         """Return the part of the question on a signal with a different number of joints."""
         kinds = ("torque", "current", "voltage") if wanted == "torque" else (wanted,)
         for kind in kinds:
-            there = [item for item in self.source.columns if item.what == kind]
+            there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
                 return f", where the log has {counted(len(there), kind)} ({listed(there)}): is it of another robot"
         return ""
@@ -335,19 +340,19 @@ class RecordingWriter:
         if self.source.named:
             return ""
         blocks: dict[str, list[Column]] = {}
-        for item in self.source.columns:
-            if item.what == "other":
-                blocks.setdefault(item.stem, []).append(item)
-        found = [
+        for column in self.source.columns:
+            if column.what == "other":
+                blocks.setdefault(column.stem, []).append(column)
+        tables = [
             f"{group[0].name}-{group[-1].name}" for group in blocks.values() if len(group) == self.robot.n_dof
         ]
-        return f" ({' or '.join(found)})" if found else ""
+        return f" ({' or '.join(tables)})" if tables else ""
 
     def _of_motors(self, table: str, columns: list[Column]) -> bool:
         """Whether values are on the motor side, by the user's options or the names of the columns."""
         if table in self.sides:
             return self.sides[table] == "motor"
-        return all(item.motor for item in columns)
+        return all(column.motor for column in columns)
 
     def _side(self, table: str, columns: list[Column]) -> str:
         motor = self._of_motors(table, columns)
@@ -362,7 +367,7 @@ class RecordingWriter:
         usual = np.quantile(apart, USUAL_SHARE, axis=0)
         wrong = np.argwhere((apart > ABSURD * usual) & (usual > 0.0))
         if len(wrong):
-            row, column = (int(place) for place in wrong[0])
+            row, column = (int(index) for index in wrong[0])
             raise RecordingError(
                 f"{self.source.place(columns[column], row + 1)}, is {values[row, column]:.6g}, where {100 * USUAL_SHARE:g} % "
                 f"of the values are within {usual[column]:.3g} of their median: is a line cut, or two run together?"
@@ -375,9 +380,9 @@ class RecordingWriter:
         values = self._plausible(columns)
         motor = self._of_motors(table, columns)
         units, sure = [], True
-        for item, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
+        for column, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
             span = float(np.ptp(value))
-            known = item.unit if item.unit in ("rad", "deg", "m", "mm", "count", "percent") else None
+            known = column.unit if column.unit in ("rad", "deg", "m", "mm", "count", "percent") else None
             if known is None:
                 sure = False
                 if kind == "revolute" or motor:
@@ -411,11 +416,11 @@ class RecordingWriter:
             return self._missing("torque", "torque")
         what = columns[0].what
         units = []
-        for item, kind in zip(columns, self.robot.joint_kinds, strict=True):
+        for column, kind in zip(columns, self.robot.joint_kinds, strict=True):
             usual = "N.m" if kind == "revolute" or self._of_motors("torque", columns) else "N"
             usual = {"current": "A", "voltage": "V"}.get(what, usual)
-            units.append(item.unit if item.unit in ("N.m", "N", "A") else usual)
-        sure = all(item.unit in ("N.m", "N", "A") for item in columns)
+            units.append(column.unit if column.unit in ("N.m", "N", "A") else usual)
+        sure = all(column.unit in ("N.m", "N", "A") for column in columns)
         values = self._plausible(columns)
         largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
         self._tell(f"torque {listed(columns)} in {'/'.join(dict.fromkeys(units))}")

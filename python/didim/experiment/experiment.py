@@ -160,35 +160,37 @@ class Experiment:
         from .draft_filters import choose_filters, sentence_of
 
         robot = robot if isinstance(robot, Robot) else load_robot(robot)
-        if settings.get("reference") is None and all(item.q_ref is not None for item in recordings):
+        if settings.get("reference") is None and all(recording.q_ref is not None for recording in recordings):
             settings["reference"] = ReferenceSpec("recorded", None, {"kind": "recorded"})
         made = cls(
             **{"name": recordings[0].name, **settings, "robot": robot, "recordings": tuple(recordings)}
         )
-        if "signal" in settings or not all(item.has_positions for item in recordings):
+        if "signal" in settings or not all(recording.has_positions for recording in recordings):
             return made
-        comparable = all(item.tau is not None and item.drives is None for item in recordings)
+        comparable = all(recording.tau is not None and recording.drives is None for recording in recordings)
         filters = choose_filters(robot, recordings, comparable=comparable)
         note = f"filters were chosen, {sentence_of(filters)}; signal=didim.SignalProcessing(...) sets others"
         return replace(made, signal=filters.signal, remarks=(*made.remarks, note))
 
     def __repr__(self) -> str:
-        named = ", ".join(f"{item.name!r} {item.t[-1] - item.t[0]:g} s" for item in self.recordings)
+        named = ", ".join(
+            f"{recording.name!r} {recording.t[-1] - recording.t[0]:g} s" for recording in self.recordings
+        )
         return f"<Experiment {self.name!r}: robot {self.robot.name!r}, {named or 'no recording'}>"
 
     def _repr_html_(self) -> str:
         head = ("recording", "role", "samples", "rate (Hz)", "length (s)", "torques", "windows")
         rows = [
             (
-                item.name,
-                item.role,
-                str(len(item.t)),
-                f"{item.rate_hz:g}",
-                f"{item.t[-1] - item.t[0]:g}",
-                "no" if item.tau is None else "yes",
-                str(len(item.windows)),
+                recording.name,
+                recording.role,
+                str(len(recording.t)),
+                f"{recording.rate_hz:g}",
+                f"{recording.t[-1] - recording.t[0]:g}",
+                "no" if recording.tau is None else "yes",
+                str(len(recording.windows)),
             )
-            for item in self.recordings
+            for recording in self.recordings
         ]
         return page(
             f"{self.name}: robot {self.robot.name}", [head, *rows] if rows else "", "\n".join(self.notes)
@@ -207,7 +209,7 @@ class Experiment:
 
     def with_gains(self, gains: Array) -> Experiment:
         """Return the experiment with currents converted to torques by drive gains (n_dof,)."""
-        return replace(self, recordings=tuple(item.with_gains(gains) for item in self.recordings))
+        return replace(self, recordings=tuple(recording.with_gains(gains) for recording in self.recordings))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))

@@ -96,7 +96,7 @@ def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Exper
         For a recording without its robot, an experiment with a robot, and any other argument (``test_from_arrays.py``).
     """
     recordings = [log] if isinstance(log, Recording) else log
-    if isinstance(recordings, list | tuple) and all(isinstance(item, Recording) for item in recordings):
+    if isinstance(recordings, list | tuple) and all(isinstance(each, Recording) for each in recordings):
         if robot is None or not recordings:
             raise ExperimentError(
                 "a recording does not name its robot: give robot=didim.load_robot(...) with it, or an Experiment"
@@ -247,12 +247,12 @@ def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _payloads(table: Table) -> dict[str, Payload]:
     """Read the tables ``[payload.NAME]``."""
-    found = {}
+    payloads = {}
     for name in table.content:
         part = table.table(name)
-        found[name] = part.checked(partial(read_payload, part, name))
+        payloads[name] = part.checked(partial(read_payload, part, name))
     table.done()
-    return found
+    return payloads
 
 
 def _optional(

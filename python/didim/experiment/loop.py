@@ -173,21 +173,21 @@ def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> lis
     """Return sentences on joints whose reference exceeds the limits of the robot file."""
     t = np.linspace(0.0, duration_s, 20_001)
     q, dq, _ = reference.at(t)
-    found = []
+    exceeded = []
     for joint, limits in enumerate(robot.limits):
         if limits.position is not None:
             low, high = limits.position
             worst = int(np.argmax(np.maximum(low - q[:, joint], q[:, joint] - high)))
             if not low <= q[worst, joint] <= high:
-                found.append(
+                exceeded.append(
                     f"the reference of joint {joint + 1} is {q[worst, joint]:.4g} at {t[worst]:.4g} s, outside its "
                     f"limits {low:.4g} to {high:.4g}"
                 )
         if limits.velocity is not None:
             worst = int(np.argmax(np.abs(dq[:, joint])))
             if abs(dq[worst, joint]) > limits.velocity:
-                found.append(
+                exceeded.append(
                     f"the reference of joint {joint + 1} moves at {abs(dq[worst, joint]):.4g} at {t[worst]:.4g} s, "
                     f"faster than its limit {limits.velocity:.4g}"
                 )
-    return found
+    return exceeded

@@ -152,17 +152,17 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
 
 def _of_actuators(robot: Robot) -> dict[str, list[float]]:
     """Return gains and largest torques of the robot's position actuators, if all joints have finite ones."""
-    found: dict[str, list[float]] = {}
+    gains: dict[str, list[float]] = {}
     for key in ("kp", "kv"):
         values = [
             value for actuator in robot.actuators if (value := getattr(actuator, key, None)) is not None
         ]
         if len(values) == robot.n_dof:
-            found[key] = values
+            gains[key] = values
     efforts = [getattr(actuator, "effort", None) for actuator in robot.actuators]
     if any(effort is not None for effort in efforts):
-        found["saturation"] = [np.inf if effort is None else effort for effort in efforts]
-    return found
+        gains["saturation"] = [np.inf if effort is None else effort for effort in efforts]
+    return gains
 
 
 @dataclass(frozen=True)

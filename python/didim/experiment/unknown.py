@@ -79,7 +79,7 @@ def joint_kinds(robot: Robot) -> tuple[str, ...]:
 
 def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
     """Read ``[unknown]``: one table per kind of drive unknown, or of joint parameter in `others`."""
-    found = {}
+    unknown = {}
     for kind in table.content:
         if kind not in DRIVE + others:
             table.fail(f"there is no unknown {kind!r}; there are {', '.join(DRIVE + others)}")
@@ -89,10 +89,10 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
         start, sigma = part.number("start", None), part.number("sigma", math.inf)
         if not low < high or (start is not None and not low <= start <= high):
             part.fail(f"min, start and max must be in order, got {low:g}, {start}, {high:g}")
-        found[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=_shared(part, kind))
+        unknown[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=_shared(part, kind))
         part.done()
     table.done()
-    return found
+    return unknown
 
 
 def _shared(table: Table, kind: str) -> Shared:

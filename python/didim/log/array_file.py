@@ -115,8 +115,8 @@ class ArrayFile(ABC):
             bad = np.argwhere(~np.isfinite(values))
             if len(bad):
                 row, column = bad[0]
-                place = f"row {row + 1}, column {column + 1}"
-                self.fail(f"variable {name!r}, {place}, is {values[row, column]}{LOST_SAMPLE}")
+                where = f"row {row + 1}, column {column + 1}"
+                self.fail(f"variable {name!r}, {where}, is {values[row, column]}{LOST_SAMPLE}")
             lies = samples_in_columns(values.shape)
             self._arrays[name] = np.ascontiguousarray(values.T) if lies else values
         return self._arrays[name]
@@ -234,7 +234,7 @@ def _fields(name: str, value: Any) -> list[str]:
     fields = getattr(getattr(value, "dtype", None), "names", None)
     if not fields or value.size != 1:
         return [name]
-    return [found for field in fields for found in _fields(f"{name}.{field}", value[field].flat[0])]
+    return [leaf for field in fields for leaf in _fields(f"{name}.{field}", value[field].flat[0])]
 
 
 MAT_HEADER, MAT_COMPRESSED = 128, 15
@@ -244,15 +244,15 @@ MAT_HEADER, MAT_COMPRESSED = 128, 15
 def _inflated(raw: bytes) -> int:
     """Return the uncompressed size (bytes) of a version 5 mat file's elements, without storing them; 0 for any other file."""
     order = {b"IM": "<", b"MI": ">"}.get(raw[126:MAT_HEADER])
-    place, size = MAT_HEADER, 0
-    while order is not None and place + 8 <= len(raw):
-        kind, count = struct.unpack(f"{order}II", raw[place : place + 8])
-        place += 8
+    at, size = MAT_HEADER, 0
+    while order is not None and at + 8 <= len(raw):
+        kind, count = struct.unpack(f"{order}II", raw[at : at + 8])
+        at += 8
         if kind == MAT_COMPRESSED:
             inflate = zlib.decompressobj()
-            waiting = raw[place : place + count]
+            waiting = raw[at : at + count]
             while waiting and not inflate.eof:
                 size += len(inflate.decompress(waiting, BLOCK))
                 waiting = inflate.unconsumed_tail
-        place += count
+        at += count
     return size

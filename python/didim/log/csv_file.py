@@ -149,9 +149,9 @@ class CsvFile:
             header = not any(_number_or_none(cell) is not None for cell in points)
         begin = (len(self._body) if end < 0 else end + 1) if header else 0
         numbers = self._body[begin:]
-        place = numbers.find(b".")
-        if place >= 0:
-            row = numbers.count(b"\n", 0, place) + 1
+        point_at = numbers.find(b".")
+        if point_at >= 0:
+            row = numbers.count(b"\n", 0, point_at) + 1
             line = row + 1 if header else row
             self._fail(f"line {line} has a point, and decimal = ',' says that commas are the decimal signs")
         self._body = self._body[:begin] + numbers.replace(b",", b".")
@@ -231,8 +231,8 @@ class CsvFile:
             self._find_fault(usecols)
         if not np.isfinite(values).all():
             row, column = np.argwhere(~np.isfinite(values))[0]
-            place = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
-            self._fail(f"{place}, is {values[row, column]}{LOST_SAMPLE}")
+            where = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
+            self._fail(f"{where}, is {values[row, column]}{LOST_SAMPLE}")
         return values
 
     def _parse_plain(self, usecols: list[int]) -> Array | None:

@@ -128,8 +128,8 @@ def expanded(recording: Table, name: str, folder: Path) -> list[tuple[Table, str
     fitting = re.compile(
         re.escape(Path(before + "x").name[:-1]) + "(.*)" + re.escape(Path("x" + after).name[1:])
     )
-    found = sorted(folder.glob(pattern))
-    parts = [match.group(1) for path in found if (match := fitting.fullmatch(path.name))]
+    files = sorted(folder.glob(pattern))
+    parts = [match.group(1) for path in files if (match := fitting.fullmatch(path.name))]
     if not parts:
         recording.fail(f"no file in {folder} is called {pattern}")
     title = content.get("name")

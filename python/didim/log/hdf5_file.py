@@ -25,11 +25,11 @@ class Hdf5File(ArrayFile):
         names: list[str] = []
         sizes: list[int] = []
 
-        def visit(name: str, item: Any) -> None:
+        def visit(name: str, node: Any) -> None:
             # Names that begin with # are MATLAB's internal tables.
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and not name.startswith("#"):
+            if isinstance(node, h5py.Dataset) and node.dtype.kind in "fiu" and not name.startswith("#"):
                 names.append(name)
-                sizes.append(8 * prod(item.shape or ()))
+                sizes.append(8 * prod(node.shape or ()))
 
         with h5py.File(io.BytesIO(self.raw), "r") as file:
             file.visititems(visit)
@@ -39,10 +39,10 @@ class Hdf5File(ArrayFile):
     def array(self, name: str) -> Any:
         """Dataset of a path."""
         with self._library().File(io.BytesIO(self.raw), "r") as file:
-            item = file[name]
-            if item.external or item.is_virtual:  # any file, a device too
+            node = file[name]
+            if node.external or node.is_virtual:  # any file, a device too
                 raise ValueError("its numbers are in other files")
-            return np.array(item)
+            return np.array(node)
 
     def _library(self) -> Any:
         needed = "HDF5 and MATLAB 7.3 files need the package h5py: pip install 'didim[hdf5]', or save with '-v7' in MATLAB"

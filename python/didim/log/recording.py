@@ -104,8 +104,8 @@ class Recording(Pickled, Brief):
     def __post_init__(self) -> None:
         one_of(f"{self.name}: role", self.role, ROLES, RecordingError)
         object.__setattr__(self, "own", tuple(self.own))
-        for item in self.own:
-            one_of(f"{self.name}: own", item, OWN, RecordingError)
+        for block in self.own:
+            one_of(f"{self.name}: own", block, OWN, RecordingError)
         object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q) if self.has_positions else self._without_positions()
         if (np.abs(q) > LARGEST_POSITION).any():

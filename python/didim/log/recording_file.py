@@ -109,19 +109,19 @@ def read_recording(
     signals = _signals(table, robot, reduction, folder, rate, rollouts)
     values, t, base = signals.values, signals.t, signals.base
     _check_counts(name, values if t is None else {**values, "time": t}, signals.sources, base)
-    place = "" if t is None else signals.sources["time"].place
+    where = "" if t is None else signals.sources["time"].place
     clock_of = _Clock(t, rate)
     notes: tuple[str, ...] = ()
     if rollouts is not None:
-        clock_of = clock_of.of_rollouts(_rollouts(table, signals, rollouts), place)
+        clock_of = clock_of.of_rollouts(_rollouts(table, signals, rollouts), where)
     elif t is not None and signals.resample:
-        plan = resampling(t, rate, place)
+        plan = resampling(t, rate, where)
         notes = (f"recording '{name}': {plan.sentence(step_range(t))}",)
         values = {key: plan.apply(samples) for key, samples in values.items()}
         clock_of = _Clock(plan.t, plan.rate_hz, plan.windows)
         signals.origin["resampled"] = {"rate_hz": plan.rate_hz, "noise_variance": plan.noise_variance}
     elif t is not None:
-        clock_of = clock_of.checked(name, place, faults)
+        clock_of = clock_of.checked(name, where, faults)
     rate = clock_of.rate_hz
     assert rate is not None  # a missing rate without time stamps was refused above
     first = values[base]
@@ -248,22 +248,22 @@ class _Clock:
     rate_hz: float | None
     windows: tuple[tuple[int, int], ...] = ()
 
-    def of_rollouts(self, windows: tuple[tuple[int, int], ...], place: str) -> _Clock:
+    def of_rollouts(self, windows: tuple[tuple[int, int], ...], where: str) -> _Clock:
         """Return the clock of rollouts, which have one rate."""
         rate, t = self.rate_hz, self.t
         if t is not None:
             for start, stop in windows:
-                rate = check_time(t[start:stop], rate, f"{place}, from row {start + 1}")
+                rate = check_time(t[start:stop], rate, f"{where}, from row {start + 1}")
         return _Clock(None, rate, windows)
 
-    def checked(self, name: str, place: str, faults: list[tuple[str, TimeFault]] | None) -> _Clock:
+    def checked(self, name: str, where: str, faults: list[tuple[str, TimeFault]] | None) -> _Clock:
         """Return the clock of even time stamps; the faults of others are collected, or an error without a list for them."""
         assert self.t is not None
-        wrong = list(time_faults(self.t, self.rate_hz, place))
+        wrong = list(time_faults(self.t, self.rate_hz, where))
         if not wrong:
-            return _Clock(self.t, check_time(self.t, self.rate_hz, place))
+            return _Clock(self.t, check_time(self.t, self.rate_hz, where))
         if faults is None or not np.isfinite(wrong[0].rate_hz):
-            raise RecordingError(wrong[0].sentence + _offer(wrong[0], self.t, self.rate_hz, place))
+            raise RecordingError(wrong[0].sentence + _offer(wrong[0], self.t, self.rate_hz, where))
         faults += [(name, fault) for fault in wrong]
         gaps = [fault.sample for fault in wrong if fault.kind == "gap" and fault.sample is not None]
         return _Clock(None, wrong[0].rate_hz, stretches(gaps, len(self.t)))
@@ -304,15 +304,15 @@ def _inside(
 
 def _origin(sources: Mapping[str, Source], channels: Mapping[str, _Channel]) -> dict[str, Any]:
     """Return the tables with the factors of their units, as JSON data."""
-    found: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
+    origins: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
     for key, channel in channels.items():
         # The factors include counts and drive gains, whichever file declares them.
-        found[key]["factors_to_si"] = channel.factors.tolist()
+        origins[key]["factors_to_si"] = channel.factors.tolist()
         if np.any(channel.zeros):
-            found[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
+            origins[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
         if channel.reduction is not None:
-            found["reduction"] = channel.reduction.tolist()
-    return found
+            origins["reduction"] = channel.reduction.tolist()
+    return origins
 
 
 @dataclass(frozen=True)

@@ -105,16 +105,16 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     RecordingError
         When time runs backwards, the rate is far from that of the time stamps, or no stretch between gaps is long enough.
     """
-    kept = np.flatnonzero(np.r_[True, np.diff(t) != 0.0])
-    stamps = t[kept]
+    distinct = np.flatnonzero(np.r_[True, np.diff(t) != 0.0])
+    stamps = t[distinct]
     steps = np.diff(stamps)
     if len(stamps) < STENCIL:
         raise RecordingError(
             f"{file}: resampling needs {counted(STENCIL, 'time stamp')}, and there are {len(stamps)}"
         )
     if not (steps > 0.0).all():
-        place = int(np.argmin(steps > 0.0))
-        before, after = int(kept[place]), int(kept[place + 1])
+        row = int(np.argmin(steps > 0.0))
+        before, after = int(distinct[row]), int(distinct[row + 1])
         raise RecordingError(
             f"{file}: time does not grow from row {before + 1} ({t[before]:.9g} s) to row {after + 1}"
         )
@@ -126,10 +126,10 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             "leave rate_hz out, and lower its rate with decimation under [signal]"
         )
     if (stamps[-1] - stamps[0]) * rate > LONGEST_STRETCH * len(stamps):
-        place = int(kept[int(np.argmax(steps)) + 1])
+        row = int(distinct[int(np.argmax(steps)) + 1])
         raise RecordingError(
             f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "
-            f"is that of row {place + 1} ({t[place]:.9g} s) wrong? After a pause, give windows"
+            f"is that of row {row + 1} ({t[row]:.9g} s) wrong? After a pause, give windows"
         )
     even = _even(stamps, rate)
     edges = [0, *(np.flatnonzero(steps > LONGEST_GAP_STEPS * period) + 1).tolist(), len(stamps)]
@@ -161,8 +161,8 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
         weights=weights,
         windows=tuple(windows),
         noise_variance=float(np.mean(used)),
-        repeated=len(t) - len(kept),
-        kept=kept,
+        repeated=len(t) - len(distinct),
+        kept=distinct,
     )
 
 

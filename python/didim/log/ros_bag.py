@@ -119,7 +119,7 @@ class RosBag:
 
     def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
         """Columns as (n_samples, count); the time in s from the first message."""
-        messages = [item for item in self._messages if self._wanted.keys() <= set(item.names)]
+        messages = [each for each in self._messages if self._wanted.keys() <= set(each.names)]
         if not messages:
             self._fail(f"no message of topic {self.topic} has all of {listing(self._wanted)}")
         if variable == "stamp":
@@ -162,7 +162,7 @@ class RosBag:
             with reading.AnyReader([inside], default_typestore=store) as reader:
                 self.topic = self._topic({c.topic: c.msgtype for c in reader.connections}, topic)
                 chosen = [c for c in reader.connections if c.topic == self.topic]
-                found = [
+                channels = [
                     content
                     for connection, _, raw in reader.messages(connections=chosen)
                     for content in _contents(reader.deserialize(raw, connection.msgtype))
@@ -173,10 +173,10 @@ class RosBag:
             self._fail(
                 f"this is not a readable ROS bag ({' '.join(str(reason).split()) or type(reason).__name__})"
             )
-        if not found:
+        if not channels:
             self._fail(f"topic {self.topic} has no messages")
         # The recorder stores the time of arrival; the header has the time of the measurement.
-        return sorted(found, key=lambda message: message.stamp)
+        return sorted(channels, key=lambda message: message.stamp)
 
     def _topic(self, types: Mapping[str, str], topic: str | None) -> str:
         states = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
@@ -265,10 +265,10 @@ def mcap_content(path: Path) -> int:
     """Return the bytes of the messages of an .mcap file, as its chunks declare them."""
     size, end = 0, path.stat().st_size
     with path.open("rb") as stream:
-        place = 8  # the magic bytes
-        while place + 33 <= end:
-            stream.seek(place)
+        at = 8  # the magic bytes
+        while at + 33 <= end:
+            stream.seek(at)
             kind, length, _, _, declared = struct.unpack("<BQQQQ", stream.read(33))
             size += declared if kind == CHUNK else 0
-            place += 9 + length
+            at += 9 + length
     return size

@@ -98,9 +98,9 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
     # Samples that are missing count, so jitter, whose median step is not its mean, does not change the rate.
     finite = steps[np.isfinite(steps)]
     measured = float(np.rint(finite / period).sum() / finite.sum())
-    for place in np.flatnonzero(uneven).tolist():
-        row = place + 1
-        step = float(steps[place])
+    for at in np.flatnonzero(uneven).tolist():
+        row = at + 1
+        step = float(steps[at])
         missing = round(step / period) - 1 if np.isfinite(step) else 0
         whole = missing > 0 and abs(step - (missing + 1) * period) <= STEP_TOLERANCE * period
         cause = (
@@ -110,7 +110,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
             kind="gap" if whole else "uneven",
             sentence=f"{file}: {cause} after row {row} (t = {t[row - 1]:.9g} s), where the time step is {step:.6g} s "
             f"instead of {period:.6g} s",
-            sample=place,
+            sample=at,
             rate_hz=measured,
         )
     if rate_hz is not None and abs(rate_hz - measured) > RATE_TOLERANCE * measured:
@@ -168,7 +168,7 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
     wanted = "windows_s must be a list of [start, stop] in seconds with start < stop"
     if not isinstance(windows_s, list):
         table.fail(f"{wanted}, got {brief(repr(windows_s))}")
-    found: list[tuple[int, int]] = []
+    slices_of_windows: list[tuple[int, int]] = []
     for window in windows_s:
         if (
             not isinstance(window, list)
@@ -186,9 +186,9 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
                 f"the window {window} s has {counted(stop - start, 'sample')}, "
                 f"at least {MINIMUM_SAMPLES} are needed"
             )
-        found.append((start, stop))
-    found.sort()
-    for before, after in pairwise(found):
+        slices_of_windows.append((start, stop))
+    slices_of_windows.sort()
+    for before, after in pairwise(slices_of_windows):
         if after[0] < before[1]:
             table.fail(f"the windows {windows_s} overlap")
-    return tuple(found)
+    return tuple(slices_of_windows)

@@ -158,9 +158,9 @@ def _tensor(
     return _Tensor(storage, int(offset), tuple(map(int, shape)), tuple(map(int, stride)))
 
 
-def _dictionary(*items: object) -> dict[Any, Any]:
+def _dictionary(*pairs: object) -> dict[Any, Any]:
     """Return an empty dictionary for the pickle to fill; PyTorch writes the hooks of tensors as one."""
-    if items:
+    if pairs:
         _refuse()
     return {}
 

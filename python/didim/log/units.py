@@ -65,12 +65,12 @@ def joint_values(
         for joint, number in enumerate(numbers):
             if robot.joint_kinds[joint] == kind:
                 values[joint] = number * factor
-    found = [value for value in values if value is not None]
-    if len(found) < len(values):
+    given = [value for value in values if value is not None]
+    if len(given) < len(values):
         joint = values.index(None)
         unit = "rad" if robot.joint_kinds[joint] == "revolute" else "m"
         table.fail(f"key '{key}_{unit}{per}' is missing, for joint {joint + 1}")
-    return found
+    return given
 
 
 def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:

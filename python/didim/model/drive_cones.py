@@ -124,32 +124,32 @@ def _of_followers(robot: Robot) -> list[Cone]:
     A log-det term draws each to `SHARE`: the log cannot separate it from the parameter of its leader.
     """
     places = places_of(robot)
-    found = []
+    cones = []
     for number in range(robot.n_dof + 1, robot.n_joints + 1):
         names = [f"{key}{number}{side}" for key in ("Fv", "Fc") for side in ("", "+", "-")]
-        found += [
+        cones += [
             cone(places, name, {name: 1.0 / SHARE}) for name in (f"Ia{number}", *names) if name in places
         ]
         offset = f"Off{number}"
         if offset in places:
-            found += [cone(places, offset, {offset: way / SHARE}, 1.0) for way in (1.0, -1.0)]
-    return found
+            cones += [cone(places, offset, {offset: direction / SHARE}, 1.0) for direction in (1.0, -1.0)]
+    return cones
 
 
 def rotor_cones(drives: Drives) -> list[Cone]:
     """Return ``Ja >= 0``: each ``Ia`` less the coupled motors that it contains."""
-    found = []
+    cones = []
     for group in drives.groups:
         motors = drives.motors(group)
         if any(drives.coupling[m, k] != 0.0 for m in motors for k in motors if k != m):
             # Motors coupled both ways: the condition is on the whole matrix.
-            found.append(drives.cone("Ia", group, drives.rotors(group)))
+            cones.append(drives.cone("Ia", group, drives.rotors(group)))
             continue
         for j in group:
             terms = {f"Ia{j + 1}": np.ones((1, 1))}
             terms |= {f"Ia{m + 1}": np.full((1, 1), -(drives.coupling[m, j] ** 2)) for m in motors if m != j}
-            found.append(drives.cone("Ia", [j], terms))
-    return found
+            cones.append(drives.cone("Ia", [j], terms))
+    return cones
 
 
 def simulable_cones(
@@ -172,7 +172,7 @@ def simulable_cones(
     v : sequence of float
         Smoothing velocity of the friction per joint.
     """
-    found: dict[tuple[tuple[int, ...], bytes], Cone] = {}
+    cones: dict[tuple[tuple[int, ...], bytes], Cone] = {}
     factor = step_s / rate
     for group in drives.groups:
         motors = drives.motors(group)
@@ -190,21 +190,21 @@ def simulable_cones(
                         for name, term in more.items():
                             terms[name] = terms.get(name, 0.0) - factor * term
                     condition = drives.cone("Ia", group, terms, gains)
-                    found.setdefault((condition.indices, condition.basis.tobytes()), condition)
-    return list(found.values())
+                    cones.setdefault((condition.indices, condition.basis.tobytes()), condition)
+    return list(cones.values())
 
 
 def friction_cones(drives: Drives) -> list[Cone]:
     """Return the conditions under which friction only dissipates."""
-    found = []
+    cones = []
     for group in drives.groups:
         if not drives.motors(group):
             names = (f"{kind}{group[0] + 1}{side}" for kind in ("Fv", "Fc") for side in drives.sides)
-            found += [cone(drives.places, name, {name: 1.0}) for name in names]
+            cones += [cone(drives.places, name, {name: 1.0}) for name in names]
             continue
-        found += [drives.cone("Fv", group, drives.viscous(group, sides)) for sides in drives.choices(group)]
-        found += _coulomb_cones(drives, group)
-    return [*found, *further_cones(drives), *_of_followers(drives.robot)]
+        cones += [drives.cone("Fv", group, drives.viscous(group, sides)) for sides in drives.choices(group)]
+        cones += _coulomb_cones(drives, group)
+    return [*cones, *further_cones(drives), *_of_followers(drives.robot)]
 
 
 def further_cones(drives: Drives) -> list[Cone]:
@@ -218,10 +218,10 @@ def further_cones(drives: Drives) -> list[Cone]:
     """
     shared = {j for group in drives.groups if drives.motors(group) for j in group}
     laws = [term for term in drives.terms if term.law not in FREE]
-    found: dict[tuple[tuple[str, float], ...], Cone] = {}
+    cones: dict[tuple[tuple[str, float], ...], Cone] = {}
 
     def add(shares: dict[str, float], label: str) -> None:
-        found.setdefault(tuple(shares.items()), cone(drives.places, label, shares))
+        cones.setdefault(tuple(shares.items()), cone(drives.places, label, shares))
 
     for term in laws:
         if term.joint in shared or term.law not in BESIDE:
@@ -243,7 +243,7 @@ def further_cones(drives: Drives) -> list[Cone]:
                         {name: share / size for name, share in shares.items()},
                         " + ".join(term.parameter for term in chosen),
                     )
-    return list(found.values())
+    return list(cones.values())
 
 
 def _coulomb_cones(drives: Drives, group: Sequence[int]) -> list[Cone]:
@@ -253,7 +253,7 @@ def _coulomb_cones(drives: Drives, group: Sequence[int]) -> list[Cone]:
     """
     n, motors = len(group), drives.motors(group)
     planes = np.vstack([np.eye(n), *(drives.row(m, group)[None] for m in motors)])
-    found: dict[tuple[tuple[str, float], ...], Cone] = {}
+    cones: dict[tuple[tuple[str, float], ...], Cone] = {}
     for chosen in itertools.combinations(range(len(planes)), n - 1):
         if n > 1 and np.linalg.matrix_rank(planes[list(chosen)]) < n - 1:
             continue
@@ -269,16 +269,16 @@ def _coulomb_cones(drives: Drives, group: Sequence[int]) -> list[Cone]:
                 terms = {name: np.full((1, 1), value) for name, value in power.items() if abs(value) > EXACT}
                 if terms:
                     key = tuple(sorted((name, round(float(term[0, 0]), 9)) for name, term in terms.items()))
-                    found.setdefault(key, drives.cone("Fc", group, terms))
-    return list(found.values())
+                    cones.setdefault(key, drives.cone("Fc", group, terms))
+    return list(cones.values())
 
 
 def _power(drives: Drives, group: Sequence[int], speed: Array, sign: Array) -> dict[str, float]:
     """Return the power of the Coulomb friction by parameter, for signs of joints and shafts."""
     power = {}
-    for place, j in enumerate(group):
-        side = "" if drives.sides == ("",) else ("+" if sign[place] > 0.0 else "-")
-        power[f"Fc{j + 1}{side}"] = float(sign[place] * speed[place])
+    for index, j in enumerate(group):
+        side = "" if drives.sides == ("",) else ("+" if sign[index] > 0.0 else "-")
+        power[f"Fc{j + 1}{side}"] = float(sign[index] * speed[index])
     for number, m in enumerate(drives.motors(group)):
         row, own = drives.row(m, group), list(group).index(m)
         unit = np.eye(len(group))[own]

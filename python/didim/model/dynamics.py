@@ -163,7 +163,7 @@ def friction_places(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the standard parameters of friction and offset."""
     inertial = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia")
     return tuple(
-        place for place, name in enumerate(robot.parameter_names) if name.rstrip("0123456789") not in inertial
+        index for index, name in enumerate(robot.parameter_names) if name.rstrip("0123456789") not in inertial
     )
 
 

@@ -48,19 +48,19 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
     geometry = robot.geometry
     parents = geometry.parents
     all_positions = joint_motion(geometry.followers, positions, position=True)
-    found = np.empty((len(positions), robot.n_joints + 1, 4, 4))
-    found[:, 0] = np.eye(4)
+    transforms = np.empty((len(positions), robot.n_joints + 1, 4, 4))
+    transforms[:, 0] = np.eye(4)
     for joint in geometry.outwards:
         kind, moved = geometry.kinds[joint], all_positions[:, joint]
         turn = geometry.theta[joint] + (moved if kind == "revolute" else np.zeros_like(moved))
         slide = geometry.r[joint] + (moved if kind == "prismatic" else np.zeros_like(moved))
         row = _row(geometry.alpha[joint], geometry.d[joint], turn, slide)
         parent = parents[joint]
-        before = found[:, 0 if parent is None else parent + 1]
+        before = transforms[:, 0 if parent is None else parent + 1]
         if geometry.mounts:
             before = np.matmul(before, geometry.mounts[joint].matrix)
-        found[:, joint + 1] = np.matmul(before, row)
-    return found
+        transforms[:, joint + 1] = np.matmul(before, row)
+    return transforms
 
 
 def _row(alpha: float, d: float, theta: Array, r: Array) -> Array:

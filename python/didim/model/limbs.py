@@ -84,18 +84,18 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
     if len(joints) == robot.n_joints:
         return Limb("", joints[: robot.n_dof], joints, robot, np.arange(len(robot.parameter_names)))
     driven = tuple(joint for joint in joints if joint < robot.n_dof)
-    place = {joint: k for k, joint in enumerate(joints)}
+    index_of = {joint: k for k, joint in enumerate(joints)}
     geometry, friction = robot.geometry, robot.friction
     mounts = tuple(
-        replace(mount, parent=None if mount.parent is None else place[mount.parent])
+        replace(mount, parent=None if mount.parent is None else index_of[mount.parent])
         for mount in (
             (geometry.mounts or tuple(Mount(parent=p) for p in geometry.parents))[joint] for joint in joints
         )
     )
     followers = tuple(
-        replace(follower, leaders=tuple((place[leader], factor) for leader, factor in follower.leaders))
+        replace(follower, leaders=tuple((index_of[leader], factor) for leader, factor in follower.leaders))
         for joint, follower in enumerate(geometry.followers, start=robot.n_dof)
-        if joint in place
+        if joint in index_of
     )
     rows = {
         key: tuple(getattr(geometry, key)[joint] for joint in joints)
@@ -115,7 +115,7 @@ def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
             smoothing=tuple(friction.smoothing[j] for j in driven),
             dead_zone=tuple(friction.dead_zone[j] for j in driven),
             terms=tuple(
-                replace(term, joint=place[term.joint]) for term in friction.terms if term.joint in place
+                replace(term, joint=index_of[term.joint]) for term in friction.terms if term.joint in index_of
             ),
         ),
         limits=tuple(robot.limits[j] for j in driven),
@@ -179,9 +179,9 @@ class Directions:
 
     def changes(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the change of all parameters in each simulation, (n_simulations, n), from the step of each, (n,)."""
-        found = np.zeros((self.number.max(initial=-1) + 1, len(steps)))
-        found[self.number, np.arange(len(steps))] = steps
-        return found
+        changes = np.zeros((self.number.max(initial=-1) + 1, len(steps)))
+        changes[self.number, np.arange(len(steps))] = steps
+        return changes
 
 
 def _name(robot: Robot, joints: tuple[int, ...]) -> str:

@@ -57,10 +57,10 @@ def state(q: Array, width: ArrayLike, first: ArrayLike = 0.0) -> Array:
     lead = several.shape[:-1]
     several = np.broadcast_to(several, (*lead, n)).reshape(-1, n)
     starts = np.broadcast_to(np.asarray(first, dtype=np.float64), n)
-    found = np.empty((len(several), *q.shape))
+    states_seen = np.empty((len(several), *q.shape))
     for joint in range(n):
-        found[:, :, joint] = states(q[:, joint], several[:, joint], starts[joint]).T
-    return found.reshape(*lead, *q.shape)
+        states_seen[:, :, joint] = states(q[:, joint], several[:, joint], starts[joint]).T
+    return states_seen.reshape(*lead, *q.shape)
 
 
 def states(q: Array, widths: Array, first: float = 0.0) -> Array:
@@ -88,15 +88,15 @@ def states(q: Array, widths: Array, first: float = 0.0) -> Array:
     turns = moving[1:][moves[moving[1:]] != moves[moving[:-1]]]
     edges = np.array([0, *turns, q.size - 1])
     signs, lengths = moves[[moving[0], *turns]], np.diff(edges)
-    way = np.abs(q[1:] - np.repeat(q[edges[:-1]], lengths))
-    kept = np.exp(-way[edges[1:-1] - 1, None] / widths)
+    travelled = np.abs(q[1:] - np.repeat(q[edges[:-1]], lengths))
+    decay = np.exp(-travelled[edges[1:-1] - 1, None] / widths)
     z = np.empty((len(signs), widths.size))
     z[0] = first
-    for k, share in enumerate(kept):
+    for k, share in enumerate(decay):
         z[k + 1] = signs[k] - (signs[k] - z[k]) * share
     sign, missing = np.repeat(signs, lengths), signs[:, None] - z
     for k, width in enumerate(widths):
-        np.subtract(sign, np.repeat(missing[:, k], lengths) * np.exp(way / -width), out=out[k, 1:])
+        np.subtract(sign, np.repeat(missing[:, k], lengths) * np.exp(travelled / -width), out=out[k, 1:])
     return out.T
 
 

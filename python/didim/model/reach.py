@@ -68,8 +68,8 @@ def _range(robot: Robot, joint: int) -> tuple[float, float]:
 
 
 def _distances(robot: Robot, q: Array) -> Array:
-    found = frames(robot, q)
-    return np.asarray(np.linalg.norm(found[:, -1, :3, 3] - found[:, 1, :3, 3], axis=1))
+    poses = frames(robot, q)
+    return np.asarray(np.linalg.norm(poses[:, -1, :3, 3] - poses[:, 1, :3, 3], axis=1))
 
 
 def _number(value: float) -> str:

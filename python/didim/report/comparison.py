@@ -193,13 +193,13 @@ def _convergence_section(fits: dict[str, Identification]) -> Html:
 def _torque_section(comparison: Comparison, subject: Identification) -> Html:
     if not subject.converged:
         return Html("")
-    found = predict(subject, comparison.experiment)
+    predictions = predict(subject, comparison.experiment)
     worst = percent(float(np.nanmax(subject.relative_error)))
     return section(
         f"Torques by {title_of(subject.method)}",
         paragraph(f"On the rows that the fit is made of; noise included the worst joint is off by {worst}."),
         picture(
-            plot.torques(subject, comparison.experiment, predictions=found),
+            plot.torques(subject, comparison.experiment, predictions=predictions),
             "Measured and modelled torque of each joint",
         ),
     )

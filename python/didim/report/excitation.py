@@ -15,11 +15,11 @@ def excitation_page(design: Excitation) -> str:
     level: Level = "caution" if design.interrupted else "good"
     badge = "Interrupted" if design.interrupted else "Designed"
     largest = max(float(values.max()) for values in design.use.values())
-    kept = largest <= design.limits.margin * (1.0 + 1e-9)
+    within = largest <= design.limits.margin * (1.0 + 1e-9)
     limits = (
         f"No limit is exceeded on a grid {FINE} times finer than that of the optimiser, with the margin of "
         f"{100.0 * (1.0 - design.limits.margin):.3g} %."
-        if kept
+        if within
         else f"The largest use of a limit is {100.0 * largest:.1f} %."
     )
     unchecked = "" if "torque" in design.use else " Torques were not checked."

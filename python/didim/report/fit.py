@@ -82,8 +82,8 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
             text += f" (joint {low + 1}) to {percent(errors[high])} (joint {high + 1})"
         if len(errors) > 1:
             text += f", {percent(fit.overall_relative_error)} overall"
-    for item in fit.held_out:
-        text += f"; on '{item.name}', which was held out of the fit, {percent(item.overall_relative_error)}"
+    for recording in fit.held_out:
+        text += f"; on '{recording.name}', which was held out of the fit, {percent(recording.overall_relative_error)}"
     text += "."
     verdict = fit.verdict
     badge = f"{verdict.state.value.capitalize()}. {fit.status.value.partition(':')[0]}"
@@ -99,37 +99,41 @@ def well_identified(fit: Identification) -> NDArray[np.bool_]:
 
 def tiles(fit: Identification) -> list[tuple[str, str]]:
     """Return the key numbers of a result: value and label."""
-    found = [(percent(fit.overall_relative_error), "torque error, all joints")]
+    shown = [(percent(fit.overall_relative_error), "torque error, all joints")]
     for use in fit.verdict.uses:
         if use.error is None:
-            found.append(("no", f"good for {use.name}"))
+            shown.append(("no", f"good for {use.name}"))
         else:
             value = f"{use.error:.2g} kg" if use.name == "payload" else percent(use.error)
-            found.append((value, f"{use.name}: error to expect"))
+            shown.append((value, f"{use.name}: error to expect"))
     if fit.std.any():
         estimated = sum(role == "estimated" for role in fit.roles)
-        found.append((f"{int(well_identified(fit).sum())} of {estimated}", "parameters well identified"))
+        shown.append((f"{int(well_identified(fit).sum())} of {estimated}", "parameters well identified"))
     if fit.elapsed > 0.0:
-        found.append((duration(fit.elapsed), "computing time"))
-    return found
+        shown.append((duration(fit.elapsed), "computing time"))
+    return shown
 
 
 def log_tiles(fit: Identification, experiment: Experiment) -> list[tuple[str, str]]:
     """Return rate and filters of the log: value and label."""
-    rates = sorted({item.rate_hz for item in experiment.recordings})
-    found = [(" and ".join(f"{rate:g} Hz" for rate in rates), "rate of the log")] if len(rates) < 3 else []
+    rates = sorted({recording.rate_hz for recording in experiment.recordings})
+    shown = [(" and ".join(f"{rate:g} Hz" for rate in rates), "rate of the log")] if len(rates) < 3 else []
     signal = fit.settings.get("signal")
     if signal:
         cutoff = signal.get("cutoff_hz")
         factor = math.prod(signal.get("decimation") or ())
         label = "cut-off" if factor == 1 else f"cut-off, 1 row of {factor} samples"
-        found.append((f"{cutoff:g} Hz" if cutoff else "none", label))
-    return found
+        shown.append((f"{cutoff:g} Hz" if cutoff else "none", label))
+    return shown
 
 
 def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Prediction], list[str]]:
     """Return the torques of the fit, or those along the measured motion, with a sentence, if a simulation ends early."""
-    silent = [item.name for item in experiment.recordings if item.role == "fit" and item.tau is None]
+    silent = [
+        recording.name
+        for recording in experiment.recordings
+        if recording.role == "fit" and recording.tau is None
+    ]
     if silent:
         return [], [f"Recording '{silent[0]}' has no torques: there is nothing to compare the model's with."]
     try:
@@ -137,8 +141,8 @@ def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Pred
     except FitError as reason:
         if fit.method == "idim-ls" or "the simulation" not in str(reason):
             raise
-        found = predict(fit, experiment, motion="measured")
-        return found, [f"The torques below are predicted along the measured motion: {reason}."]
+        predictions = predict(fit, experiment, motion="measured")
+        return predictions, [f"The torques below are predicted along the measured motion: {reason}."]
 
 
 def torque_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
@@ -165,18 +169,20 @@ def torque_section(fit: Identification, experiment: Experiment, predictions: Seq
             ),
         ),
     ]
-    if any(item.role == "held-out" for item in experiment.recordings) and fit.held_out:
-        found = predict(fit, experiment, role="held-out")
+    if any(recording.role == "held-out" for recording in experiment.recordings) and fit.held_out:
+        held_out = predict(fit, experiment, role="held-out")
         content += [
             paragraph("The recordings that were held out, predicted along their measured motion:"),
-            picture(plot.torques(fit, experiment, predictions=found), "Torques of the recordings held out"),
+            picture(
+                plot.torques(fit, experiment, predictions=held_out), "Torques of the recordings held out"
+            ),
         ]
     return section("Torques", *content)
 
 
 def motion_section(experiment: Experiment) -> Html:
     """Show the motion of the log against the limits of the robot."""
-    if not any(item.has_positions for item in experiment.recordings):
+    if not any(recording.has_positions for recording in experiment.recordings):
         return Html("")
     return section(
         "Motion",
@@ -283,7 +289,7 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
     if not predictions:
         return Html("")
     spectra = []
-    if all(len(item.t) >= FEWEST_SPECTRUM_ROWS for item in predictions):
+    if all(len(prediction.t) >= FEWEST_SPECTRUM_ROWS for prediction in predictions):
         spectra = [
             paragraph(
                 "Spectra of the measured torque and of the residual. Noise that is white lies on the grey line; a peak has a cause "
@@ -312,7 +318,8 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
 def _friction_section(fit: Identification, experiment: Experiment) -> Html:
     """Show friction over speed, if the log has positions and torques."""
     if not any(
-        item.role == "fit" and item.tau is not None and item.has_positions for item in experiment.recordings
+        recording.role == "fit" and recording.tau is not None and recording.has_positions
+        for recording in experiment.recordings
     ):
         return Html("")
     return section(
@@ -376,12 +383,15 @@ def _convergence_section(fit: Identification) -> Html:
     head = ["iteration", "relative error %", "step %", *(key.replace("_", " ") for key in keys)]
     rows = [
         [
-            str(item.iteration),
-            f"{100.0 * item.relative_error:.4f}",
-            f"{100.0 * item.step:.3g}",
-            *(f"{item.more[key]:.4g}" if np.isfinite(item.more.get(key, np.nan)) else "-" for key in keys),
+            str(iteration.iteration),
+            f"{100.0 * iteration.relative_error:.4f}",
+            f"{100.0 * iteration.step:.3g}",
+            *(
+                f"{iteration.more[key]:.4g}" if np.isfinite(iteration.more.get(key, np.nan)) else "-"
+                for key in keys
+            ),
         ]
-        for item in shown
+        for iteration in shown
     ]
     content.append(table(head, rows, numbers=range(len(head))))
     return section("Convergence", *content)
@@ -389,7 +399,7 @@ def _convergence_section(fit: Identification) -> Html:
 
 def robot_section(experiment: Experiment) -> Html:
     """Show the skeleton of the robot along the first recording."""
-    motion = next((item.q for item in experiment.recordings if item.has_positions), None)
+    motion = next((recording.q for recording in experiment.recordings if recording.has_positions), None)
     robot = experiment.robot
     geometry = robot.geometry
     rows = [

@@ -15,7 +15,7 @@ from .page import Html, page, paragraph, picture, section, table, verdict
 
 def positions_page(fit: Identification, experiment: Experiment, record: PositionRecord) -> str:
     """Return the report as HTML."""
-    said = fit.verdict
+    judgement = fit.verdict
     status = fit.status.value.partition(":")[0]
     after = max(value for value in record.errors["after"] or [0.0] if value is not None)
     tiles = [
@@ -23,9 +23,15 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
         (f"{fit.n_iterations}", "iterations"),
         (f"{fit.n_simulations}", "simulations of a limb"),
     ]
-    badge = f"{said.state.value.capitalize()}. {status}"
+    badge = f"{judgement.state.value.capitalize()}. {status}"
     sections = [
-        verdict(LEVELS[said.state], badge, said.sentence, tiles, [str(reason) for reason in said.reasons]),
+        verdict(
+            LEVELS[judgement.state],
+            badge,
+            judgement.sentence,
+            tiles,
+            [str(reason) for reason in judgement.reasons],
+        ),
         _parameters(record),
         section(
             "Errors of positions",

@@ -19,7 +19,7 @@ def study_page(study: StudyResults) -> str:
     """Return the report of a study as HTML."""
     figures = study.figures
     runs, failed, still = (
-        sum(getattr(item, key) for item in figures) for key in ("runs", "failed", "not_converged")
+        sum(getattr(row, key) for row in figures) for key in ("runs", "failed", "not_converged")
     )
     level: Level = "caution" if failed or study.missing() else "good"
     tiles = [
@@ -55,8 +55,8 @@ def _pictures(study: StudyResults) -> list[Html]:
 
 def _tables(study: StudyResults) -> Html:
     content = []
-    for scenario in dict.fromkeys(item.scenario for item in study.figures):
-        rows = [cells(item, study.head) for item in study.figures if item.scenario == scenario]
+    for scenario in dict.fromkeys(figures.scenario for figures in study.figures):
+        rows = [cells(figures, study.head) for figures in study.figures if figures.scenario == scenario]
         content += [paragraph(scenario), table(study.head, rows, numbers=range(1, len(study.head)))]
     return section("Figures of merit", *content, *(paragraph(text) for text in NOTES))
 

@@ -23,70 +23,77 @@ def validation_page(validation: Validation, experiment: Experiment) -> str:
     level: Level = "good" if validation.completed else "bad"
     badge = "Validated" if validation.completed else "A simulation ended early"
     tiles = []
-    for item in validation.recordings:
-        if np.isfinite(item.direct_overall):
-            tiles.append((percent(item.direct_overall), f"torque error, predicted, {item.name}"))
+    for validated in validation.recordings:
+        if np.isfinite(validated.direct_overall):
+            tiles.append((percent(validated.direct_overall), f"torque error, predicted, {validated.name}"))
         for name in ("torque", "position"):
-            values = item.simulated.get(name)
+            values = validated.simulated.get(name)
             if values is not None and np.isfinite(values).any():
                 tiles.append(
-                    (percent(float(np.nanmax(values))), f"{name} error, simulated, worst joint, {item.name}")
+                    (
+                        percent(float(np.nanmax(values))),
+                        f"{name} error, simulated, worst joint, {validated.name}",
+                    )
                 )
-    sections = [verdict(level, badge, " ".join(_sentence(item) for item in validation.recordings), tiles, [])]
+    sections = [
+        verdict(
+            level, badge, " ".join(_sentence(validated) for validated in validation.recordings), tiles, []
+        )
+    ]
     by_name = {recording.name: recording for recording in experiment.recordings}
-    for item in validation.recordings:
-        sections += _recording_sections(validation, item, experiment, by_name[item.name])
+    for validated in validation.recordings:
+        sections += _recording_sections(validation, validated, experiment, by_name[validated.name])
     sections += [robot_section(experiment), provenance_section(validation.fit)]
     fit = validation.fit
     title = f"{validation.experiment}: validation of {fit.name}"
     return page(title, f"Robot {fit.robot}, identified by {title_of(fit.method)} from {fit.name}", sections)
 
 
-def _sentence(item: RecordingValidation) -> str:
+def _sentence(recording: RecordingValidation) -> str:
     """Return the sentence on a recording."""
     parts = []
-    if np.isfinite(item.direct_overall):
+    if np.isfinite(recording.direct_overall):
         parts.append(
-            f"the torques predicted along the measured motion are off by {percent(item.direct_overall)}"
+            f"the torques predicted along the measured motion are off by {percent(recording.direct_overall)}"
         )
-    if item.outcome is None:
+    if recording.outcome is None:
         parts.append("the closed loop is not simulated, because there is no [controller] or no [reference]")
-    elif not item.outcome.completed:
-        parts.append(f"the simulated closed loop {item.outcome}")
-    for name, values in item.simulated.items():
+    elif not recording.outcome.completed:
+        parts.append(f"the simulated closed loop {recording.outcome}")
+    for name, values in recording.simulated.items():
         if name in ("position", "torque") and np.isfinite(values).any():
             parts.append(f"the simulated {name}s are off by {percent(float(np.nanmax(values)))} at most")
-    return f"On recording '{item.name}' {', and '.join(parts)}."
+    return f"On recording '{recording.name}' {', and '.join(parts)}."
 
 
 def _recording_sections(
-    validation: Validation, item: RecordingValidation, experiment: Experiment, recording: Recording
+    validation: Validation, validated: RecordingValidation, experiment: Experiment, recording: Recording
 ) -> list[Html]:
     n = experiment.robot.n_dof
     rows: list[list[Text]] = []
-    if item.direct is not None:
-        rows.append(["torque, predicted", *_percents(item.direct)])
-    rows += [[f"{name}, simulated", *_percents(values)] for name, values in item.simulated.items()]
+    if validated.direct is not None:
+        rows.append(["torque, predicted", *_percents(validated.direct)])
+    rows += [[f"{name}, simulated", *_percents(values)] for name, values in validated.simulated.items()]
     head = ["relative error %", *(f"joint {j + 1}" for j in range(n))]
     content = [table(head, rows, numbers=range(1, n + 1))] if rows else []
-    if item.direct is not None:
+    if validated.direct is not None:
         measured = tuple(one for one in experiment.recordings if one.has_positions)
         with_positions = replace(experiment, recordings=measured)
-        found = [
+        figures = [
             part
             for part in predict(
                 validation.fit, with_positions, role="all", motion="measured", as_fitted=False
             )
-            if part.recording == item.name
+            if part.recording == validated.name
         ]
         content += [
             paragraph("Torques predicted along the filtered measured motion:"),
             picture(
-                plot.torques(validation.fit, experiment, predictions=found),
-                f"Torques of recording {item.name}, predicted",
+                plot.torques(validation.fit, experiment, predictions=figures),
+                f"Torques of recording {validated.name}, predicted",
             ),
         ]
-    if item.simulated:
+    if validated.simulated:
         window = recording.windows[0]
         simulation = simulate_window(validation.fit.parameters, experiment, recording, window)
         what = {"q": "Positions"} | ({"tau": "Torques"} if recording.tau is not None else {})
@@ -101,10 +108,10 @@ def _recording_sections(
                         quantity="q" if key == "q" else "tau",
                         start=window[0],
                     ),
-                    f"{name} of recording {item.name}, simulated",
+                    f"{name} of recording {validated.name}, simulated",
                 ),
             ]
-    return [section(f"Recording {item.name}", *content)]
+    return [section(f"Recording {validated.name}", *content)]
 
 
 def _percents(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[str]:

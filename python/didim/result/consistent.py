@@ -63,13 +63,15 @@ def _geometry(record: Mapping[str, Any]) -> Geometry:
     """Return the recorded geometry of a result; results of 0.2.0 are of chains and have no mounts."""
     parts = {key: _frozen(value) for key, value in record.items()}
     for key, kind in (("mounts", Mount), ("followers", Follower)):
-        items = record.get(key, ())
-        parts[key] = tuple(kind(**{name: _frozen(value) for name, value in item.items()}) for item in items)
+        entries = record.get(key, ())
+        parts[key] = tuple(
+            kind(**{name: _frozen(value) for name, value in entry.items()}) for entry in entries
+        )
     return Geometry(**parts)
 
 
 def _frozen(value: Any) -> Any:
-    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+    return tuple(_frozen(element) for element in value) if isinstance(value, list) else value
 
 
 def distance_sentence(half_distance: float, n_parameters: int) -> str:
@@ -121,13 +123,16 @@ def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, An
 
 def table_of(record: Mapping[str, Any]) -> list[str]:
     """Return the lines of the table of standard parameters, intervals and sources."""
-    items = record["parameters"]
+    entries = record["parameters"]
     cells = [("standard", "unit", "value", "95 % low", "95 % high")]
     cells += [
-        (item["name"], item["unit"], *(f"{item[key]:.4g}" for key in ("value", "low", "high")))
-        for item in items
+        (entry["name"], entry["unit"], *(f"{entry[key]:.4g}" for key in ("value", "low", "high")))
+        for entry in entries
     ]
-    sources = ["", *("identified" if item["source"] == "identified" else "from the prior" for item in items)]
+    sources = [
+        "",
+        *("identified" if entry["source"] == "identified" else "from the prior" for entry in entries),
+    ]
     return [f"{line}  {source}".rstrip() for line, source in zip(columned(cells, 2), sources, strict=True)]
 
 

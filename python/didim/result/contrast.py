@@ -213,7 +213,7 @@ def reading(contrasts: Sequence[Contrast]) -> str:
     contrasts : sequence of Contrast
         "idim-iv" less "idim-ls" and "didim" less "idim-iv"; either may be missing.
     """
-    by_pair: Mapping[tuple[str, str], Contrast] = {(item.first, item.second): item for item in contrasts}
+    by_pair: Mapping[tuple[str, str], Contrast] = {(each.first, each.second): each for each in contrasts}
     filters, controller = by_pair.get(("idim-ls", "idim-iv")), by_pair.get(("idim-iv", "didim"))
     wrong_filter = filters is not None and not filters.agree
     # A difference far below the standard deviations does not discredit the controller, even if it is significant.

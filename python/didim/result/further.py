@@ -112,8 +112,8 @@ class Further(Pickled):
         """
         known, columns, names = self.payloads[name].split
         part = self.part("payload", name)
-        kept = [block for block in self.blocks if (block.kind, block.owner) == ("payload", name)]
-        chosen = columns[:, [names.index(item) for item in kept[0].names]] if kept else columns[:, :0]
+        blocks = [block for block in self.blocks if (block.kind, block.owner) == ("payload", name)]
+        chosen = columns[:, [names.index(label) for label in blocks[0].names]] if blocks else columns[:, :0]
         return known + chosen @ self.values[part], chosen @ self.covariance_of(part) @ chosen.T
 
     def tables(self, factor: float) -> list[tuple[list[str], list[tuple[str, ...]]]]:
@@ -121,14 +121,14 @@ class Further(Pickled):
 
         The cells are those of `didim.result.table.parameter_rows`, heading included.
         """
-        found = []
+        tables = []
         for block in self.blocks:
             part = self.part(block.kind, block.owner)
             values, std, white = self.values[part], self.std[part], self.std_white[part]
             roles = ("estimated",) * len(values)
             rows = parameter_rows(block.names, block.units, roles, values, std, white, factor, {})
-            found.append((self._titles(block), rows))
-        return found
+            tables.append((self._titles(block), rows))
+        return tables
 
     def rows(self, factor: float) -> list[dict[str, Any]]:
         """Return a row of each parameter for a data frame, intervals half as wide as `factor` standard deviations.
@@ -172,11 +172,11 @@ class Further(Pickled):
                 # c = l / m, with the error of the mass unless it is known
                 derivative = np.hstack([np.eye(3), -centre[:, None]]) / ten[9]
                 std = np.sqrt(np.maximum(np.diag(derivative @ covariance[6:, 6:] @ derivative.T), 0.0))
-                place = ", ".join(
+                where = ", ".join(
                     f"{1e3 * value:.1f} +- {1e3 * sigma:.1f}"
                     for value, sigma in zip(centre, std, strict=True)
                 )
-                lines.append(f"centre of mass: {place} mm")
+                lines.append(f"centre of mass: {where} mm")
         return lines
 
     def to_dict(self) -> dict[str, Any]:

@@ -227,8 +227,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     @property
     def verdict(self) -> Verdict:
         """Whether the result is sound, doubtful or wrong, and why: evidence, status, warnings and remarks (docs/verdict.md)."""
-        said = {reason.sentence for reason in self.evidence}
-        warnings = [text for text in self.warnings if text not in said]  # of results without evidence
+        given = {reason.sentence for reason in self.evidence}
+        warnings = [text for text in self.warnings if text not in given]  # of results without evidence
         return Verdict.of([*self.evidence, *derived(self.status, warnings, self.remarks)], self.uses)
 
     @property
@@ -250,7 +250,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """Return heading and cells of the table of parameters, see `didim.result.table.parameter_rows`."""
         marks: dict[str, str] = {}
         if self.uncertainty is not None:
-            exchanged = {name for item in self.uncertainty.exchanges for name in item.parameters}
+            exchanged = {name for exchange in self.uncertainty.exchanges for name in exchange.parameters}
             marks = {name: "exchanges" for name in self.names if name in exchanged}
             marks |= dict.fromkeys(self.uncertainty.single_block, "one block")
         return parameter_rows(
@@ -267,8 +267,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     def error_rows(self) -> list[tuple[str, ...]]:
         """Return heading and cells of the table of relative errors: of the fit, then of the recordings held out."""
         held_out = [
-            (f"held out: {item.name}", item.relative_error, item.overall_relative_error)
-            for item in self.held_out
+            (f"held out: {recording.name}", recording.relative_error, recording.overall_relative_error)
+            for recording in self.held_out
         ]
         return error_rows([("fit", tuple(self.relative_error), self.overall_relative_error), *held_out])
 
@@ -339,7 +339,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             ),
             "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
             **further,
-            "history": [item.to_dict() for item in self.history],
+            "history": [iteration.to_dict() for iteration in self.history],
             "standard_parameters": plain(dict(zip(self.parameter_names, self.parameters, strict=True))),
         }
 
@@ -388,7 +388,7 @@ def _fields(data: dict[str, Any]) -> dict[str, Any]:
         [row[key] for row in parameters] for key in ("name", "unit", "role", "value", "std_white")
     )
     uncertainty, further = data.get("uncertainty"), data.get("further")
-    reasons = (item for item in verdict.get("reasons", ()) if item["code"] not in DERIVED)
+    reasons = (reason for reason in verdict.get("reasons", ()) if reason["code"] not in DERIVED)
     return {
         **{key: data[key] for key in SAVED},
         **{key: data[key] for key in OPTIONAL if key in data},
@@ -406,8 +406,8 @@ def _fields(data: dict[str, Any]) -> dict[str, Any]:
         else Uncertainty.from_dict(uncertainty, np.array(white, dtype=np.float64)),
         "further": None if further is None else Further.from_dict(further),
         "elapsed": data["elapsed_s"],
-        "history": [Iteration.from_dict(item) for item in data["history"]],
-        "evidence": [Finding.from_dict(item) for item in reasons],
+        "history": [Iteration.from_dict(reason) for reason in data["history"]],
+        "evidence": [Finding.from_dict(reason) for reason in reasons],
         "uses": verdict.get("uses", ()),
     }
 

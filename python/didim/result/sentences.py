@@ -119,9 +119,9 @@ def _law(f: Finding, text: str) -> str:
 
 def _controller_gain(f: Finding) -> str:
     parts = [
-        f"{item['name']} of {joints_text(j - 1 for j in item['joints'])} is {between(item['values'], '.3g')} times the "
+        f"{joint['name']} of {joints_text(j - 1 for j in joint['joints'])} is {between(joint['values'], '.3g')} times the "
         "declared one"
-        for item in f.facts["gains"]
+        for joint in f.facts["gains"]
     ]
     return _law(
         f,
@@ -288,11 +288,11 @@ def _drift(f: Finding) -> str:
     if f.facts["of"] == "offset":
         return f"the offsets of {_joints(f)} differ between recordings, {worst}"
     texts = []
-    for item in f.facts["levels"]:
-        share, sigmas = item["share"], abs(item["share"]) / item["std"]
+    for level in f.facts["levels"]:
+        share, sigmas = level["share"], abs(level["share"]) / level["std"]
         change = f"{percent(abs(share))} % {'higher' if share > 0.0 else 'lower'}"
         texts.append(
-            f"{item['recording']}: joint {item['joint']} {change}, {sigmas:.{int(sigmas < 9.95)}f} sigma"
+            f"{level['recording']}: joint {level['joint']} {change}, {sigmas:.{int(sigmas < 9.95)}f} sigma"
         )
     return f"friction differs from the first recording ({series(texts, 80)}): warmer, or loaded? {worst[0].upper()}{worst[1:]}"
 

@@ -94,14 +94,14 @@ def limb_headings(robot: Mapping[str, Any]) -> list[tuple[frozenset[int], str]]:
         The record of a robot in a result: ``geometry`` and ``joint_names``.
     """
     mounts = robot.get("geometry", {}).get("mounts", ())
-    found, names = limbs([mount["parent"] for mount in mounts]), robot.get("joint_names", ())
-    if len(found) < 2:
+    groups, names = limbs([mount["parent"] for mount in mounts]), robot.get("joint_names", ())
+    if len(groups) < 2:
         return []
     label = dict(enumerate(names))
-    ends = [[label.get(joint, f"joint {joint + 1}") for joint in (limb[0], limb[-1])] for limb in found]
+    ends = [[label.get(joint, f"joint {joint + 1}") for joint in (limb[0], limb[-1])] for limb in groups]
     titles = [f"{first}:" if first == last else f"{first} to {last}:" for first, last in ends]
     return [
-        (frozenset(joint + 1 for joint in limb), title) for limb, title in zip(found, titles, strict=True)
+        (frozenset(joint + 1 for joint in limb), title) for limb, title in zip(groups, titles, strict=True)
     ]
 
 

@@ -133,13 +133,13 @@ class Uncertainty(Pickled):
         known = self.std_white > 0.0
         ratio = float(np.median(std[known] / self.std_white[known])) if known.any() else float("nan")
         compared = f"; median {ratio:.2f} times that of white noise" if self.kind != "white" else ""
-        found = [f"sigma {self.origin}{compared}"]
+        lines = [f"sigma {self.origin}{compared}"]
         for block in sorted(set(self.single_block.values())):
             names = series(name for name, number in self.single_block.items() if number == block)
-            found.append(
+            lines.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )
-        return [*found, *self._rounding_lines(std), *self._friction_lines(std), *self.exchange_lines()]
+        return [*lines, *self._rounding_lines(std), *self._friction_lines(std), *self.exchange_lines()]
 
     def _rounding_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.rounding)]
@@ -177,23 +177,24 @@ class Uncertainty(Pickled):
     def exchange_lines(self) -> list[str]:
         """Return a line for each of `exchanges`."""
         factor = self.factor(0.95)
-        found = []
-        for item in self.exchanges:
-            law, beside = item.parameters
-            torque_unit, speed_unit = ("N.m", "rad/s") if item.kind == "revolute" else ("N", "m/s")
+        lines = []
+        for exchange in self.exchanges:
+            law, beside = exchange.parameters
+            torque_unit, speed_unit = ("N.m", "rad/s") if exchange.kind == "revolute" else ("N", "m/s")
             values = [
                 f"{torque:.4g} +- {factor * std:.2g} at {speed:.2g}"
-                for speed, torque, std in zip(item.speeds, item.torques, item.stds, strict=True)
+                for speed, torque, std in zip(exchange.speeds, exchange.torques, exchange.stds, strict=True)
             ]
             reason = (
                 f"the log does not identify the velocity of {law}"
-                if item.refused
-                else f"{law} and {beside} exchange (correlation {item.correlation:.3f})"
+                if exchange.refused
+                else f"{law} and {beside} exchange (correlation {exchange.correlation:.3f})"
             )
-            found.append(
-                f"{reason}; friction of joint {item.joint + 1} ({torque_unit}, 95 %) by speed ({speed_unit}): {series(values, 80)}"
+            lines.append(
+                f"{reason}; friction of joint {exchange.joint + 1} ({torque_unit}, 95 %) by speed ({speed_unit}): "
+                f"{series(values, 80)}"
             )
-        return found
+        return lines
 
     def of_draws(self) -> Uncertainty:
         """Return the record for the nearest robot: the distribution of its draws has the degrees of freedom of the estimate."""

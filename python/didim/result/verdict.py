@@ -76,10 +76,10 @@ class Verdict:
     @classmethod
     def of(cls, reasons: Iterable[Finding], uses: Iterable[Use] = ()) -> Verdict:
         """Return the verdict with its reasons in order of gravity, without repeated sentences."""
-        kept: dict[str, Finding] = {}
+        strongest: dict[str, Finding] = {}
         for reason in sorted(reasons, key=lambda reason: GRADES.index(reason.grade)):
-            kept.setdefault(reason.sentence, reason)
-        return cls(tuple(kept.values()), tuple(uses))
+            strongest.setdefault(reason.sentence, reason)
+        return cls(tuple(strongest.values()), tuple(uses))
 
     @property
     def state(self) -> State:
@@ -117,7 +117,7 @@ class Verdict:
 
     def lines(self) -> list[str]:
         """Return the reasons as lines under headings; empty without any."""
-        found = []
+        lines = []
         for grade, title in (
             ("wrong", "Wrong:"),
             ("doubtful", "Doubtful:"),
@@ -125,10 +125,10 @@ class Verdict:
         ):
             texts = [str(reason) for reason in self.reasons if reason.grade == grade]
             if texts:
-                found += ["", title, *(f"  {text}" for text in texts)]
+                lines += ["", title, *(f"  {text}" for text in texts)]
         if self.uses:
-            found += ["", "Good for, with the error to expect:", *(f"  {use}" for use in self.uses)]
-        return found
+            lines += ["", "Good for, with the error to expect:", *(f"  {use}" for use in self.uses)]
+        return lines
 
     def __str__(self) -> str:
         return "\n".join([*self.lines(), "", self.sentence]).lstrip("\n")
@@ -149,15 +149,15 @@ DERIVED = frozenset({"not-converged", "interrupted", "remark"})
 
 def derived(status: Status, warnings: Iterable[str], remarks: Iterable[str]) -> list[Finding]:
     """Return the findings that follow from a status, from flags on physics, and from remarks."""
-    found = []
+    reasons = []
     if not status.converged:
         asked = status in (Status.INTERRUPTED, Status.STOPPED)
-        found.append(
+        reasons.append(
             Finding(
                 code="interrupted" if asked else "not-converged",
                 grade="doubtful" if asked else "wrong",
                 facts={"text": f"{status.value[:1].lower()}{status.value[1:].rstrip('.')}"},
             )
         )
-    found += [Finding(code="not-physical", grade="doubtful", facts={"text": text}) for text in warnings]
-    return [*found, *(Finding(code="remark", grade="note", facts={"text": text}) for text in remarks)]
+    reasons += [Finding(code="not-physical", grade="doubtful", facts={"text": text}) for text in warnings]
+    return [*reasons, *(Finding(code="remark", grade="note", facts={"text": text}) for text in remarks)]

@@ -103,11 +103,13 @@ class Page:
     @property
     def duration(self) -> float:
         """Duration of the motions (s); zero without one."""
-        return max((float(item.t[-1] - item.t[0]) for item in self.playbacks), default=0.0)
+        return max((float(playback.t[-1] - playback.t[0]) for playback in self.playbacks), default=0.0)
 
     def show(self, seconds: float) -> None:
         """Draw the robot, its ghost and its residual at a time after the start of the motions (s)."""
-        poses = [item.at(item.t[0] + seconds) for item in self.playbacks] or [np.zeros(self.robot.n_dof)]
+        poses = [playback.at(playback.t[0] + seconds) for playback in self.playbacks] or [
+            np.zeros(self.robot.n_dof)
+        ]
         with self._server.atomic():
             for nodes, q in zip(self._nodes, poses, strict=False):
                 for node, matrix in zip(nodes, frames(self.robot, q[None])[0], strict=True):

@@ -68,27 +68,30 @@ def of_log(experiment: Experiment, parameters: str | None) -> tuple[list[Playbac
     notes : list of str
         Reasons for missing items.
     """
-    found: list[Playback] = []
+    playbacks: list[Playback] = []
     notes: list[str] = []
     for recording in experiment.recordings[:1]:
         if recording.has_positions:
             residual = None if parameters is None else _residual(experiment, recording, parameters)
-            found.append(Playback(label="measured", t=recording.t, q=recording.q, residual=residual))
+            playbacks.append(Playback(label="measured", t=recording.t, q=recording.q, residual=residual))
         else:
             notes.append(f"recording '{recording.name}' has no positions, so there is no measured motion")
     if parameters is None:
-        return found, notes
+        return playbacks, notes
     if experiment.reference is None or experiment.controller is None:
-        return found, [*notes, "no simulated motion: the experiment has no [reference] or no [controller]"]
+        return playbacks, [
+            *notes,
+            "no simulated motion: the experiment has no [reference] or no [controller]",
+        ]
     try:
         report = simulate_experiment(experiment, parameters)
     except DidimError as reason:
-        return found, [*notes, f"no simulated motion: {reason}"]
+        return playbacks, [*notes, f"no simulated motion: {reason}"]
     if report.outcome.completed:
-        found.append(Playback(label="simulated", t=report.loop.t, q=report.arrays[0]))
+        playbacks.append(Playback(label="simulated", t=report.loop.t, q=report.arrays[0]))
     else:
         notes.append(f"no simulated motion: {report.outcome}")
-    return found, notes
+    return playbacks, notes
 
 
 def _residual(experiment: Experiment, recording: Recording, parameters: str) -> Array | None:

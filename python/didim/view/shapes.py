@@ -112,13 +112,13 @@ def segment(
     z = between / length
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x /= np.linalg.norm(x)
-    place = pose(np.stack([x, np.cross(z, x), z], axis=1), 0.5 * (start + end))
+    placed = pose(np.stack([x, np.cross(z, x), z], axis=1), 0.5 * (start + end))
     return [
         Shape(
             layer=layer,
             link=link,
             kind="cylinder",
-            pose=place,
+            pose=placed,
             size=(radius, length),
             colour=colour,
             opacity=opacity,
@@ -130,9 +130,9 @@ def ball(
     layer: str, link: int, radius: float, colour: Colour = LINK, at: Array | None = None, opacity: float = 1.0
 ) -> Shape:
     """Return a sphere around a point of a link (m)."""
-    place = pose(np.eye(3), np.zeros(3) if at is None else at)
+    placed = pose(np.eye(3), np.zeros(3) if at is None else at)
     return Shape(
-        layer=layer, link=link, kind="sphere", pose=place, size=(radius,), colour=colour, opacity=opacity
+        layer=layer, link=link, kind="sphere", pose=placed, size=(radius,), colour=colour, opacity=opacity
     )
 
 
@@ -196,10 +196,10 @@ def bodies(robot: Robot, x: Array, layer: str, colour: Colour) -> tuple[list[Sha
     return shapes, refused
 
 
-def capsules(found: Sequence[Capsule]) -> list[Shape]:
+def capsules(given: Sequence[Capsule]) -> list[Shape]:
     """Return the capsules used for the clearance of designed motions."""
     shapes: list[Shape] = []
-    for capsule in found:
+    for capsule in given:
         start, end = np.array(capsule.start), np.array(capsule.end)
         shapes += segment("capsules", capsule.link, start, end, capsule.radius, CAPSULE, 0.3)
         shapes += [ball("capsules", capsule.link, capsule.radius, CAPSULE, at, 0.3) for at in (start, end)]

@@ -53,8 +53,8 @@ def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[l
     own = frames(robot, np.zeros((1, robot.n_dof)))[0]
     carrier = {
         name: joint + 1
-        for joint, place in enumerate(places.links)
-        for name in (place.link, *place.lumped, *place.locked)
+        for joint, placed in enumerate(places.links)
+        for name in (placed.link, *placed.lumped, *placed.locked)
     }
     shapes: list[Shape] = []
     missing: list[str] = []
@@ -73,7 +73,7 @@ def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[l
 
 def _at_zero(description: Description, lock: dict[str, float]) -> dict[str, Array]:
     """Return the frame of each link in the root with all joints at zero, locked ones at their positions."""
-    found = {description.root: np.eye(4)}
+    transforms = {description.root: np.eye(4)}
     for name in description.order:
         for joint in description.outgoing.get(name, ()):
             value = lock.get(joint.name, 0.0)
@@ -82,8 +82,8 @@ def _at_zero(description: Description, lock: dict[str, float]) -> dict[str, Arra
                 step = pose(np.eye(3), value * joint.axis)
             elif joint.kind in ("revolute", "continuous"):
                 step = pose(turn(joint.axis, value))
-            found[joint.child] = found[name] @ joint.origin @ step
-    return found
+            transforms[joint.child] = transforms[name] @ joint.origin @ step
+    return transforms
 
 
 def _shape(
@@ -91,7 +91,7 @@ def _shape(
 ) -> Shape | None:
     """Return one visual in the frame of the robot's link; None for a missing mesh."""
     origin = next((child.attributes for child in visual.children if child.tag == "origin"), {})
-    place = seen @ pose(
+    placed = seen @ pose(
         rotation_of(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
     )
     geometry = next((child for child in visual.children if child.tag == "geometry"), None)
@@ -104,16 +104,21 @@ def _shape(
             layer="visuals",
             link=link,
             kind="box",
-            pose=place,
+            pose=placed,
             size=tuple(_numbers(given["size"])),
             colour=BODY,
         )
     if solid.tag == "cylinder":
         size = (float(given["radius"]), float(given["length"]))
-        return Shape(layer="visuals", link=link, kind="cylinder", pose=place, size=size, colour=BODY)
+        return Shape(layer="visuals", link=link, kind="cylinder", pose=placed, size=size, colour=BODY)
     if solid.tag == "sphere":
         return Shape(
-            layer="visuals", link=link, kind="sphere", pose=place, size=(float(given["radius"]),), colour=BODY
+            layer="visuals",
+            link=link,
+            kind="sphere",
+            pose=placed,
+            size=(float(given["radius"]),),
+            colour=BODY,
         )
     if solid.tag != "mesh":
         return None
@@ -125,7 +130,7 @@ def _shape(
         )
         return None
     scale = tuple(_numbers(given.get("scale", "1 1 1")))
-    return Shape(layer="visuals", link=link, kind="mesh", pose=place, size=scale, colour=LINK, file=file)
+    return Shape(layer="visuals", link=link, kind="mesh", pose=placed, size=scale, colour=LINK, file=file)
 
 
 def find_mesh(name: str, path: Path, folders: tuple[Path, ...] = ()) -> Path | None:

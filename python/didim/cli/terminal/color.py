@@ -40,4 +40,4 @@ def titled(text: str) -> str:
     """Return a help text with bold titles of sections."""
     if not is_colored(sys.stdout):
         return text
-    return _TITLE.sub(lambda found: f"\033[{BOLD}m{found.group()}\033[0m", text)
+    return _TITLE.sub(lambda match: f"\033[{BOLD}m{match.group()}\033[0m", text)

@@ -45,10 +45,10 @@ def columns(stream: TextIO | None = None) -> int | None:
     try:
         if not stream.isatty():
             return None
-        found = os.get_terminal_size(stream.fileno()).columns
+        width = os.get_terminal_size(stream.fileno()).columns
     except (OSError, ValueError):
         return None
-    return min(max(found, NARROWEST), WIDEST) if found > 0 else None
+    return min(max(width, NARROWEST), WIDEST) if width > 0 else None
 
 
 def fitted(text: str, width: int | None = None) -> str:

@@ -60,14 +60,14 @@ class Descent:
 
     def _step(self) -> int:
         """Take one step, and return the number of evaluations."""
-        way = self._direction()
-        slope = float(self._gradient @ way)
+        direction = self._direction()
+        slope = float(self._gradient @ direction)
         if not slope < 0.0:
             self._give_up()
             return 0
         length = 1.0
         for count in range(1, LINE_SEARCH_HALVINGS + 1):
-            x = self.x + length * way
+            x = self.x + length * direction
             value, gradient = self._objective(x)
             if value <= self.value + DECREASE * length * slope:
                 self._accept(x, value, gradient)
@@ -94,17 +94,17 @@ class Descent:
 
     def _direction(self) -> Array:
         """Return the next direction: the negative product of the estimated inverse Hessian and the gradient."""
-        way = self._gradient.copy()
+        direction = self._gradient.copy()
         shares = []
         for step, change, inverse in reversed(self._pairs):
-            share = inverse * float(step @ way)
+            share = inverse * float(step @ direction)
             shares.append(share)
-            way -= share * change
+            direction -= share * change
         if self._pairs:
             _, change, inverse = self._pairs[-1]
-            way /= inverse * float(change @ change)
+            direction /= inverse * float(change @ change)
         else:
-            way *= min(1.0, 1.0 / max(float(np.abs(way).sum()), np.finfo(float).tiny))
+            direction *= min(1.0, 1.0 / max(float(np.abs(direction).sum()), np.finfo(float).tiny))
         for (step, change, inverse), share in zip(self._pairs, reversed(shares), strict=True):
-            way += (share - inverse * float(change @ way)) * step
-        return -way
+            direction += (share - inverse * float(change @ direction)) * step
+        return -direction

@@ -195,7 +195,7 @@ def search_all(
             for future in sent:
                 future.cancel()
             raise
-        return [found for found, _ in ends], [problem for _, problem in ends], False
+        return [vector for vector, _ in ends], [problem for _, problem in ends], False
     stop = threading.Event()
 
     def one(index: int) -> Array:

@@ -82,16 +82,16 @@ def _flat(content: Any, path: str = "") -> dict[str, Any]:
     """Fields of nested objects by their paths, such as ``header.stamp.sec``."""
     if not isinstance(content, dict):
         return {path or "value": content}
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in content.items():
-        found.update(_flat(value, f"{path}.{key}" if path else str(key)))
-    return found
+        flat.update(_flat(value, f"{path}.{key}" if path else str(key)))
+    return flat
 
 
 def _names(message: Mapping[str, Any]) -> list[str]:
     """Names of the joints of a message, as in joint states."""
-    found = next((message[key] for key in ("name", "names", "joint_names") if key in message), None)
-    return found if isinstance(found, list) and all(isinstance(name, str) for name in found) else []
+    named = next((message[key] for key in ("name", "names", "joint_names") if key in message), None)
+    return named if isinstance(named, list) and all(isinstance(name, str) for name in named) else []
 
 
 def _column(values: Sequence[Any]) -> Any:
@@ -108,26 +108,26 @@ def _column(values: Sequence[Any]) -> Any:
 def has_json(path: Path) -> bool:
     """Whether an MCAP file has a JSON topic; only records outside its chunks are read, where writers repeat all topics."""
     with path.open("rb") as stream:
-        place, end = 8, path.stat().st_size
-        while place + 9 <= end:
-            stream.seek(place)
+        at, end = 8, path.stat().st_size
+        while at + 9 <= end:
+            stream.seek(at)
             kind, length = struct.unpack("<BQ", stream.read(9))
             if kind == CHANNEL and _encoding(stream.read(min(length, 1 << 16))) == b"json":
                 return True
-            place += 9 + length
+            at += 9 + length
     return False
 
 
 def _encoding(record: bytes) -> bytes:
     """Return the encoding of a channel's messages, which follows two numbers and the topic; the length precedes each text."""
-    place = 4
+    at = 4
     text = b""
     for _ in range(2):
-        if place + 4 > len(record):
+        if at + 4 > len(record):
             return b""
-        (size,) = struct.unpack_from("<I", record, place)
-        text = record[place + 4 : place + 4 + size]
-        place += 4 + size
+        (size,) = struct.unpack_from("<I", record, at)
+        text = record[at + 4 : at + 4 + size]
+        at += 4 + size
     return text
 
 

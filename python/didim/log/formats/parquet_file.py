@@ -178,12 +178,12 @@ def _info(folder: Path, name: str) -> Mapping[str, Any]:
 def _labels(info: Mapping[str, Any], names: Sequence[str]) -> dict[str, list[str]]:
     """Names of motors by column: a list, or a table with one."""
     features = info.get("features")
-    found: dict[str, list[str]] = {}
+    labels: dict[str, list[str]] = {}
     for key in names:
         feature = features.get(key) if isinstance(features, dict) else None
         motors = feature.get("names") if isinstance(feature, dict) else None
         if isinstance(motors, dict):
             motors = next((value for value in motors.values() if isinstance(value, list)), None)
         if isinstance(motors, list) and len(motors) > 1:
-            found[key] = [str(motor) for motor in motors]
-    return found
+            labels[key] = [str(motor) for motor in motors]
+    return labels

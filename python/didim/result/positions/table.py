@@ -62,9 +62,9 @@ def _side_by_side(record: PositionRecord, group: Sequence[Mapping[str, Any]]) ->
         if len(row["joints"]) == 1 and row["recording"] is None
     }
     kinds = list(dict.fromkeys(kind for _, kind in single))
-    for place, role in enumerate(group[0]["roles"]):
+    for index, role in enumerate(group[0]["roles"]):
         for kind in kinds:
-            of_limbs = [single.get((limb["joints"][place], kind)) for limb in group]
+            of_limbs = [single.get((limb["joints"][index], kind)) for limb in group]
             if not any(of_limbs):
                 continue
             one = next(row for row in of_limbs if row is not None)
