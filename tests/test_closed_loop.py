@@ -567,6 +567,11 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
         ),
         (
             "simulation",
+            "smoothing_rad_s = 1e12",
+            "smoothing_rad_s must be at most 1000.0, got 1000000000000.0",
+        ),
+        (
+            "simulation",
             "smoothing_m_s = 0.1",
             "smoothing_m_s is for prismatic joints, and robot 'planar2' has none",
         ),

@@ -220,6 +220,17 @@ def test_scores_are_flipped_4000_times_and_memory_has_a_quarter_of_the_false_ala
         assert amplitude == pytest.approx(6.0 * np.sqrt(20.0 * 2.0**2) / 40.0)
 
 
+def test_scores_of_thousands_of_blocks_are_summed_to_five_hundred() -> None:
+    """The random signs of a long log would take gigabytes."""
+    rng = np.random.default_rng(0)
+    probabilities = [
+        _flipped(rng.normal(size=(blocks, 3))) for blocks in (499, 500, 501, 20_001) for _ in range(5)
+    ]
+    assert 0.01 < min(probabilities)
+    assert max(probabilities) > 0.5
+    assert _flipped(rng.normal(size=(20_001, 3)) + 0.05) == 1.0 / 4000.0
+
+
 @pytest.mark.parametrize(
     ("robot", "step", "tested"),
     [

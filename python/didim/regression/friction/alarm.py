@@ -48,6 +48,8 @@ FEWEST_BLOCKS = 8
 """Number of blocks below which flips have too few patterns (2^7) for a probability of 1 %, and there is no test."""
 FEWEST_ROWS = 3
 """Smallest number of rows of a stretch between two reversals; shorter ones join the next."""
+MOST_BLOCKS = 500
+"""Number of blocks above which neighbouring ones are summed: their random signs take 4 000 numbers a block."""
 FLIPS = 3999
 """Number of random sign patterns beside the observed one; the smallest probability is 1 in 4 000."""
 MEMORY_SHARE = 0.25
@@ -324,6 +326,8 @@ def _joint_test(
 
 def _flipped(scores: Array) -> float:
     """Return the probability of the largest score of columns, (n_blocks, k), when the signs of blocks are flipped."""
+    if len(scores) > MOST_BLOCKS:
+        scores = np.add.reduceat(scores, np.arange(MOST_BLOCKS) * len(scores) // MOST_BLOCKS, axis=0)
     spread = np.sqrt(np.sum(np.square(scores), axis=0))
     spread[spread == 0.0] = np.inf
     observed = np.max(np.abs(scores.sum(axis=0)) / spread)
@@ -332,7 +336,7 @@ def _flipped(scores: Array) -> float:
     return float((1 + np.sum(drawn >= observed * (1.0 - 1e-9))) / (FLIPS + 1))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _signs(blocks: int) -> Array:
     """Return the random signs of blocks, (FLIPS, blocks)."""
     return np.asarray(np.random.default_rng(SEED).integers(0, 2, (FLIPS, blocks)) * 2.0 - 1.0)
