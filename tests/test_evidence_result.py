@@ -12,6 +12,7 @@ import simulated
 from didim import Experiment, identify
 from didim.evidence.residual import residual_of
 from didim.evidence.thresholds import SIZE_DOUBTFUL
+from didim.evidence.uses import combined
 from didim.methods.idim_ls import IDIMLS
 from didim.signal.spikes import alone, without_lone
 from planted import with_torques
@@ -180,3 +181,8 @@ def test_cloe_is_asked_the_same_questions(sound: Log) -> None:
     t = np.arange(len(tau))[:, None] / log.recordings[0].rate_hz
     wave = 0.15 * np.std(tau, axis=0) * np.sqrt(2.0) * np.sin(2.0 * np.pi * 3.1 * t)
     assert "size" in codes(identify(with_torques(log, tau + wave), cloe))
+
+
+def test_the_larger_part_of_an_expected_error_is_named() -> None:
+    assert combined(3.0, 4.0, "as on blocks") == (5.0, "mostly from the uncertainty of the parameters")
+    assert combined(4.0, 3.0, "as on blocks") == (5.0, "as on blocks")

@@ -11,6 +11,7 @@ import pytest
 import didim
 from didim._tools.words import ROOM, joints_text, listing, series
 from didim.result.finding import Finding
+from didim.result.sentences import two_digits
 from didim.result.words.causes import CAUSES
 
 LONGEST = 200
@@ -126,3 +127,13 @@ def test_sentences_of_causes_are_short(code: str, n_ties: int) -> None:
     )
     assert len(item.sentence) <= LONGEST
     assert all(len(part) <= LONGEST for part in item.advice.split(". "))
+
+
+def test_numbers_have_two_digits_and_no_powers_of_ten() -> None:
+    assert [two_digits(value) for value in (0.0123, 9.87, 93.2, 99.7, 1234.5)] == [
+        "0.012",
+        "9.9",
+        "93",
+        "100",
+        "1234",
+    ]

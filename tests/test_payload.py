@@ -17,9 +17,9 @@ from didim import Experiment
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.regression.logs.body import nearest_bodies
-from didim.robot.payload import Payload, flange_in_last_frame, last_link
+from didim.robot.payload import Payload, flange_in_last_frame, frame_of_payloads, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
-from didim.studies.loads.payload import identify_payload
+from didim.studies.loads.payload import identify_payload, other_frames
 from several import DISC, arm_logs
 
 Array = NDArray[np.float64]
@@ -76,7 +76,10 @@ def test_mass_centre_and_inertia_lie_within_their_intervals(known: didim.Identif
     xx, xy, xz, yy, yz, zz = found.body[4:]
     assert 0.5 * (xx + yy + zz) > np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[2]
     text = str(found)
-    assert re.search(r"For the pendant: (1.9|2.0)\d+ kg, centre \d+, -\d+, \d+ mm, inertia about it", text)
+    assert re.search(
+        r"For a pendant with these coordinates: (1.9|2.0)\d+ kg, centre \d+, -\d+, \d+ mm, inertia about it",
+        text,
+    )
     assert "jackknife, 20 blocks of time" in text
 
 
@@ -127,6 +130,19 @@ def test_own_offsets_of_the_log_are_told_from_its_payload(known: didim.Identific
     assert abs(found.mass_kg - 2.0) < 0.05
 
 
+def test_the_frame_of_the_coordinates_is_named() -> None:
+    urdf = Path(didim.__file__).parent / "packaged" / "examples" / "ur10e" / "ur10e.urdf"
+    arm, flange = didim.load_robot(urdf), tuple(tuple(row) for row in np.eye(4)[:3].tolist())
+    assert frame_of_payloads(arm) == "link wrist_3_link"
+    (remark,) = other_frames(arm, None)
+    assert remark.startswith("links fixed to wrist_3_link: tool0; ")
+    assert frame_of_payloads(arm, flange) == "[flange]"
+    assert not other_frames(arm, flange)
+    assert frame_of_payloads(didim.load_robot("tx40")) == "frame 6"
+    assert frame_of_payloads(didim.load_robot("ur10e")) == "frame 6 of the maker's table"
+    assert not other_frames(didim.load_robot("ur10e"), None)
+
+
 def test_a_planar_arm_gives_what_it_shows_and_says_what_not() -> None:
     fit = didim.identify(arm_logs([False], noise=(0.3, 0.2)), didim.IDIMLS())
     found = identify_payload(fit, arm_logs([True], noise=(0.3, 0.2), seed=1))
@@ -157,7 +173,7 @@ def test_the_command_prints_the_table_and_writes_json(
     found = tmp_path / "payload.json"
     assert main(["payload", str(tmp_path / "fit.json"), str(log), "--json", str(found)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("payload 'payload' of log, on the flange of robot planar2")
+    assert out.startswith("payload 'payload' of log, on robot planar2, in coordinates of frame 2\n")
     data = json.loads(found.read_text())
     assert data["estimated"] == ["ZZ", "MX", "MY", "M"]
     assert abs(data["flange"]["M"] - 0.8) < 4.0 * data["flange_std"]["M"]

@@ -133,13 +133,15 @@ def uses_of(
     root = float(np.sqrt(len(residual.size)))
     known = fit.std.any()
     own = float(np.linalg.norm(residual.size))
-    share = float(np.hypot(missed / max(own, np.finfo(float).tiny), moving.share if known else 0.0))
+    share, why = combined(missed / max(own, np.finfo(float).tiny), moving.share if known else 0.0, evidence)
     definite = np.linalg.eigvalsh(inertia_matrix(robot, states.q, fit.parameters))[:, 0] > 0.0
     if not fit.converged:
-        why = "the method did not end where it aims"
-        return [Use(name, None, False, why) for name in ("simulation", "gravity compensation", "control")], []
+        unfit = "the method did not end where it aims"
+        return [
+            Use(name, None, False, unfit) for name in ("simulation", "gravity compensation", "control")
+        ], []
     uses = [
-        Use("simulation", share, True, evidence)
+        Use("simulation", share, True, why)
         if definite.all()
         else Use(
             "simulation",
@@ -149,7 +151,7 @@ def uses_of(
             "take physical = true (--physical)",
         ),
         _gravity(still, missed / root, evidence),
-        Use("control", share, True, evidence),
+        Use("control", share, True, why),
         Use(
             "payload",
             2.0 * payload_std(robot, parts, residual, signal),
@@ -173,7 +175,14 @@ def _missed(fit: Identification, residual: Residual, growth: float) -> tuple[flo
 def _gravity(still: Spread, missed: float, evidence: str) -> Use:
     if not still.gravity > NO_GRAVITY * still.torque or not still.torque > 0.0:
         return Use("gravity compensation", None, False, "gravity makes no torque on this robot")
-    return Use("gravity compensation", float(np.hypot(missed / still.torque, still.share)), True, evidence)
+    share, why = combined(missed / still.torque, still.share, evidence)
+    return Use("gravity compensation", share, True, why)
+
+
+def combined(missed: float, spread: float, evidence: str) -> tuple[float, str]:
+    """Return the error of what is missed and of the parameters together, shares of the torque, and where most of it comes from."""
+    why = evidence if missed >= spread else "mostly from the uncertainty of the parameters"
+    return float(np.hypot(missed, spread)), why
 
 
 def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:

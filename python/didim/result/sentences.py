@@ -40,9 +40,14 @@ def between(values: Sequence[float], digits: str = ".2g") -> str:
     return low if low == high else f"{low} to {high}"
 
 
+def two_digits(value: float) -> str:
+    """Return a number with two digits, from 100 on with all before the point."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
 def percent(share: float) -> str:
     """Return a share in percent as text."""
-    return f"{100.0 * share:.2g}" if abs(share) < 0.995 else f"{100.0 * share:.0f}"
+    return two_digits(100.0 * share)
 
 
 def percents(shares: Sequence[float]) -> str:
@@ -63,7 +68,7 @@ def _cause(finding: Finding) -> str:
         named = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
         return f"{text}: friction would drive the robot ({named})"
     return (
-        f"{text}: without that {percent(facts['left'])} % of the error is left (geometric mean; {facts['blocks']} of 10 held-out "
+        f"{text}: corrected, {percent(facts['left'])} % of the error remain (geometric mean; {facts['blocks']} of 10 held-out "
         "blocks get better)"
     )
 
@@ -148,9 +153,9 @@ def _held_out(f: Finding) -> str:
 def _delay(f: Finding) -> str:
     which = f"torque of {_joints(f)} looks" if f.joints else "torques look"
     if "gain" in f.facts:  # estimated joint by joint
-        effect = f": without that {percent(f.facts['gain'])} % less is left of the torques"
+        effect = f": corrected, the residual is {percent(f.facts['gain'])} % smaller"
     else:
-        effect = f", which moves the parameters by {f.effect:.2g} sigma (rms)"
+        effect = f", which moves the parameters by {two_digits(f.effect)} sigma (rms)"
     return (
         f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
         f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion{effect}"
@@ -184,7 +189,7 @@ def _friction(f: Finding) -> str:
     )
     return (
         f"the friction of {_joints(f)} {LAWS[facts['law']]}, which the model lacks: the parameters move by up to "
-        f"{f.effect:.2g} sigma of noise, and {included}"
+        f"{two_digits(f.effect)} sigma of noise, and {included}"
     )
 
 

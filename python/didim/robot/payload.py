@@ -169,6 +169,15 @@ def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
     return link if flange is None else np.asarray(link @ np.vstack([np.array(flange), [0.0, 0.0, 0.0, 1.0]]))
 
 
+def frame_of_payloads(robot: Robot, flange: Pose | None = None) -> str:
+    """Return the frame of payloads in words, as for `flange_in_last_frame`: ``link wrist_3_link``."""
+    if flange is not None:
+        return "[flange]"
+    if robot.correspondence is not None:
+        return f"link {robot.correspondence.links[-1].link}"
+    return f"frame {robot.n_dof}" + ("" if robot.standard is None else " of the maker's table")
+
+
 def moved(ten: Array, frame: Array) -> Array:
     """Return ten inertial parameters in another frame, where `frame`, (4, 4), is the pose of their present frame."""
     return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)

@@ -365,11 +365,12 @@ def _evidence(
     findings = []
     for sentence, items in by_sentence(problem, held).items():
         columns = [problem.columns[item.column] for item in items]
+        late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
             said(
                 kind="untold",
                 sentence=sentence,
-                advice="",
+                advice="Command steps or a chirp (didim excite --positions)" if late else "",
                 grade="doubtful" if columns[0].kind in GRAVE else "note",
                 joints=tuple(joint + 1 for column in columns for joint in column.joints),
                 parameters=tuple(column.name for column in columns),

@@ -226,7 +226,7 @@ def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
     if column.kind == "kv":
         return f"only Fv + kv is known, for without saturation they are one parameter; {held}"
     if column.kind in ("delay_s", "lag_s"):
-        return f"slow commands show only {column.kind} + (Fv + kv)/kp; {held}; command steps or a chirp"
+        return f"slow commands show only {column.kind} + (Fv + kv)/kp; {held}"
     if column.kind == "bias_rad":
         return f"a bias moves the robot as {kinds} does; {held}, and Off has what there is"
     return f"{column.kind} moves the robot as {kinds} do; {held}"

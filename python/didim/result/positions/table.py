@@ -14,6 +14,8 @@ from .record import PositionRecord
 
 LIMB_COLUMNS = 6
 """Largest number of limbs printed side by side."""
+ROUNDING = 1e-12
+"""Half of an interval (SI) below which it is rounding: that of a value which stays at its bound whatever is left out."""
 
 
 def position_lines(record: PositionRecord, name: str, robot: str) -> list[str]:
@@ -106,4 +108,4 @@ def _cell(row: Mapping[str, Any]) -> str:
         return f"({_number(row['value'])})"
     half = None if row["high"] is None or row["low"] is None else 0.5 * (row["high"] - row["low"])
     mark = "*" if row["by"] == "bound" else ""
-    return f"{_number(row['value'])}{mark}" + ("" if half is None else f" +-{half:.2g}")
+    return f"{_number(row['value'])}{mark}" + ("" if half is None or half < ROUNDING else f" +-{half:.2g}")

@@ -8,7 +8,6 @@ have a part from the noise of the log, by the jackknife over its blocks of time,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +26,9 @@ from ...regression.settings import LeastSquaresSettings
 from ...regression.weights import joint_sigma, per_row
 from ...result.identification import Identification
 from ...result.uncertainty import student_factor
-from ...robot.payload import NOTHING, Payload
+from ...robot.payload import NOTHING, Payload, Pose, frame_of_payloads
 from ...robot.rigid_body import central, pseudo_inertia
+from ...robot.robot import Robot
 from ..loaded import unloaded, with_gains_of
 from ..prediction import with_friction_of
 from ..validation import same_robot
@@ -115,6 +115,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
         name=name,
         robot=robot.name,
         log=experiment.name,
+        frame=frame_of_payloads(robot, experiment.flange),
         names=block.names,
         ten=known + chosen @ theta,
         covariance=chosen @ covariance @ chosen.T,
@@ -130,14 +131,25 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
             if entry.kind in ("offset", "friction")
             for k in range(len(entry.names))
         },
+        remarks=other_frames(robot, experiment.flange),
     )
     if len(block.names) < len(names):
         missing = [entry for entry in names if entry not in block.names]
-        return replace(
-            estimate,
-            remarks=(f"this arm cannot identify {', '.join(missing)}, so there is no complete body",),
-        )
+        remark = f"this arm cannot identify {', '.join(missing)}, so there is no complete body"
+        return replace(estimate, remarks=(*estimate.remarks, remark))
     return _with_body(estimate, theta, covariance, known, chosen, seed)
+
+
+def other_frames(robot: Robot, flange: Pose | None) -> tuple[str, ...]:
+    """Return a sentence on frames of a URDF that a pendant may use in place of that of the last moving link."""
+    places = robot.correspondence
+    if flange is not None or places is None or not places.links[-1].lumped:
+        return ()
+    last = places.links[-1]
+    return (
+        f"links fixed to {last.link}: {series(last.lumped, 60)}; if the pendant uses the frame of one, write its pose in "
+        f"{last.link} under [flange] (xyz_m, rpy_rad)",
+    )
 
 
 def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experiment, str]:
@@ -232,9 +244,10 @@ def _with_body(
     low, high = np.quantile(numbers[1:], [0.025, 0.975], axis=0)
     moved = np.linalg.lstsq(columns, bodies[0] - known, rcond=None)[0] - theta
     half = 0.5 * float(moved @ np.linalg.solve(covariance, moved))
-    remarks: Sequence[str] = ()
+    remarks = estimate.remarks
     if half > len(theta):
         remarks = (
+            *remarks,
             f"the estimate is half a squared distance of {half:.3g} from the nearest body: more than noise explains; the robot, "
             "the log or its offsets are not those of the result",
         )
@@ -245,7 +258,7 @@ def _with_body(
         body_low=low,
         body_high=high,
         half_distance=half,
-        remarks=tuple(remarks),
+        remarks=remarks,
     )
 
 

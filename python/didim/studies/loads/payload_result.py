@@ -38,6 +38,8 @@ class PayloadEstimate(Pickled, Printed):
     ----------
     name, robot, log : str
         Payload, robot and experiment.
+    frame : str
+        Frame of all coordinates, in words: ``link wrist_3_link``.
     names : tuple of str
         Names of the estimated parameters.
     ten : (10,) array
@@ -66,6 +68,7 @@ class PayloadEstimate(Pickled, Printed):
     name: str
     robot: str
     log: str
+    frame: str
     names: tuple[str, ...]
     ten: Array
     covariance: Array
@@ -91,10 +94,13 @@ class PayloadEstimate(Pickled, Printed):
         return float(self.ten[9] if self.body is None else self.body[0])
 
     def __str__(self) -> str:
-        lines = [f"payload '{self.name}' of {self.log}, on the flange of robot {self.robot}", ""]
+        lines = [
+            f"payload '{self.name}' of {self.log}, on robot {self.robot}, in coordinates of {self.frame}",
+            "",
+        ]
         if self.body is not None:
             lines += self._body_lines()
-        lines += ["inertial parameters about the flange, as estimated", *self._ten_lines()]
+        lines += ["inertial parameters in these coordinates, as estimated", *self._ten_lines()]
         for name, (value, std) in self.offsets.items():
             lines.append(f"{name} less that of the robot: {value:.4g} +- {std:.2g}")
         errors = ", ".join(f"{100.0 * value:.3g}" for value in self.relative_error)
@@ -119,7 +125,7 @@ class PayloadEstimate(Pickled, Printed):
         return [
             *table,
             "",
-            f"For the pendant: {mass:.3f} kg, centre {x:.0f}, {y:.0f}, {z:.0f} mm, inertia about it "
+            f"For a pendant with these coordinates: {mass:.3f} kg, centre {x:.0f}, {y:.0f}, {z:.0f} mm, inertia about it "
             + ", ".join(f"{value:.4f}" for value in self.body[[4, 7, 9, 5, 6, 8]])
             + " kg.m^2 (xx, yy, zz, xy, xz, yz)",
             "",
@@ -153,6 +159,7 @@ class PayloadEstimate(Pickled, Printed):
             "payload": self.name,
             "robot": self.robot,
             "log": self.log,
+            "frame": self.frame,
             "estimated": list(self.names),
             "flange": dict(zip(INERTIAL, plain(self.ten), strict=True)),
             "flange_std": dict(zip(INERTIAL, plain(self.std), strict=True)),
