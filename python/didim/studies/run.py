@@ -134,6 +134,7 @@ def simulate_experiment(
     if chosen is None and outcomes[0].completed and loop.robot.friction.coulomb == "tanh":
         # The robot reverses later than its reference, so it is simulated again, with fine steps at its own reversals.
         motion = Reference.through(*(values[0] for values in trajectories[:3]), rate_hz=loop.rate_hz)
+        del trajectories  # of an hour's log: hundreds of megabytes
         loop = loop.along(motion)
         trajectories, outcomes = loop.run(x[None])
     q, dq, ddq, tau = (values[0] for values in trajectories)
