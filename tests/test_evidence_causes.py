@@ -107,6 +107,12 @@ def test_every_joint_and_pair_of_the_simulated_tx40(log: Experiment) -> None:
     check_all(log)
 
 
+def test_a_system_with_fewer_rows_than_blocks_shows_nothing(log: Experiment) -> None:
+    system = system_of(log)
+    rows = np.arange(len(JOINTS) * len(system.y) // len(JOINTS)).reshape(len(JOINTS), -1)[:, :9].ravel()
+    assert torque_findings(replace(system, w=system.w[rows], y=-system.y[rows])) == []
+
+
 def test_every_joint_and_pair_without_noise(exact: Experiment) -> None:
     check_all(exact)
 

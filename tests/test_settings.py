@@ -41,6 +41,8 @@ def test_what_is_taken() -> None:
         (lambda: share("s", 0.0, FitError, inside=True), "s must be between 0 and 1, got 0.0"),
         (lambda: share("s", float("nan"), FitError), "s must be between 0 and 1, got nan"),
         (lambda: share("s", True, FitError), "s must be between 0 and 1, got True"),
+        (lambda: share("s", 10**400, FitError), f"s must be between 0 and 1, got 1{'0' * 56}..."),
+        (lambda: positive("s", 10**400, FitError), f"s must be a positive number, got 1{'0' * 56}..."),
         (lambda: share("s", 0.1, FitError, most=0.025), "s must be between 0 and 0.025, got 0.1"),
         (lambda: positive("f", 0.0, FitError, "frequency"), "f must be a positive frequency, got 0.0"),
         (lambda: positive("f", float("inf"), FitError), "f must be a positive number, got inf"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 from ..errors import DidimError
+from .words import brief
 
 if TYPE_CHECKING:
     from .keys import Keys
@@ -34,7 +36,7 @@ def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
         elif key.type == "number" and (key.above is not None or (key.minimum or 0.0) > 0.0):
             value = positive(key.name, value, error, "frequency" if key.unit == "Hz" else "number")
             if key.minimum is not None and value < key.minimum:
-                raise error(f"{key.name} must be at least {key.minimum:g}, got {value!r}")
+                raise error(f"{key.name} must be at least {key.minimum:g}, got {brief(repr(value))}")
         elif key.choices:
             one_of(key.name, value, key.choices, error)
         object.__setattr__(settings, setting.name, value)
@@ -61,7 +63,7 @@ def whole(
         if (least is None or number >= least) and (most is None or number <= most):
             return number
     bounds = "" if least is None else f" of at least {least}" if most is None else f" from {least} to {most}"
-    raise error(f"{name} must be a whole number{bounds}, got {value!r}")
+    raise error(f"{name} must be a whole number{bounds}, got {brief(repr(value))}")
 
 
 def share(
@@ -73,18 +75,26 @@ def share(
     inside: bool = False,
 ) -> float:
     """Return a number from zero to a bound, which are included unless it must be `inside` of them; other parameters as `whole`."""
-    if isinstance(value, Real) and not isinstance(value, bool):
-        number = float(value)
-        if 0.0 < number < most or (not inside and number in (0.0, most)):
-            return number
-    raise error(f"{name} must be between 0 and {most:g}, got {value!r}")
+    number = _number(value)
+    if 0.0 < number < most or (not inside and number in (0.0, most)):
+        return number
+    raise error(f"{name} must be between 0 and {most:g}, got {brief(repr(value))}")
 
 
 def positive(name: str, value: object, error: type[DidimError], unit: str = "number") -> float:
     """Return a positive finite number; `unit` is its noun in the message, other parameters as `whole`."""
-    if isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < float("inf"):
-        return float(value)
-    raise error(f"{name} must be a positive {unit}, got {value!r}")
+    number = _number(value)
+    if 0.0 < number < float("inf"):
+        return number
+    raise error(f"{name} must be a positive {unit}, got {brief(repr(value))}")
+
+
+def _number(value: object) -> float:
+    """Return a real number as a float; nan for anything else, and for a whole number that no float holds."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        with suppress(OverflowError):
+            return float(value)
+    return float("nan")
 
 
 def one_of(name: str, value: object, choices: Sequence[object], error: type[DidimError]) -> None:
@@ -94,4 +104,4 @@ def one_of(name: str, value: object, choices: Sequence[object], error: type[Didi
         return
     *first, last = (repr(choice) for choice in choices)
     text = f"{', '.join(first)} or {last}" if first else last
-    raise error(f"{name} must be {text}, got {value!r}")
+    raise error(f"{name} must be {text}, got {brief(repr(value))}")

@@ -250,8 +250,10 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
 
     The quick look of every method, before any other: a log like that spoils starts and steps too.
     """
+    if len(system.y) < BLOCKS * len(system.joints):
+        return None
     products = Products.of_system(system)
-    if len(system.y) < BLOCKS * products.n or not (products.y.sum(axis=1) > 0.0).all():
+    if not (products.y.sum(axis=1) > 0.0).all():
         return None
     rows = OfSystem(products.n, system.names, products, products.judged())
     found = [
