@@ -175,8 +175,8 @@ PYTHON = (
     Mutation(
         "errors of a simulation take in the trimmed end",
         "python/didim/studies/run.py",
-        "kept = slice(signal.trim_start, stop - start - signal.trim_end)",
-        "kept = slice(signal.trim_start, stop - start)",
+        "inside = slice(signal.trim_start, stop - start - signal.trim_end)",
+        "inside = slice(signal.trim_start, stop - start)",
         "tests/test_simulate_command.py",
     ),
     Mutation(

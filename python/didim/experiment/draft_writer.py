@@ -72,14 +72,9 @@ class DraftOptions:
 
 def has_gains(robot: Robot, options: DraftOptions) -> bool:
     """Whether the gains of position servos are known, from the user or from the robot's actuators."""
-    return all(
-        key in options.servo
-        or (
-            bool(robot.actuators)
-            and all(getattr(actuator, key, None) is not None for actuator in robot.actuators)
-        )
-        for key in ("kp", "kv")
-    )
+    gains = {"kp", "kv"}.difference(options.servo)
+    drives = [getattr(actuator, gain, None) for gain in gains for actuator in robot.actuators]
+    return not gains or (bool(drives) and None not in drives)
 
 
 class RecordingWriter:
@@ -350,9 +345,9 @@ class RecordingWriter:
 
     def _of_motors(self, table: str, columns: list[Column]) -> bool:
         """Whether values are on the motor side, by the user's options or the names of the columns."""
-        if table in self.sides:
-            return self.sides[table] == "motor"
-        return all(column.motor for column in columns)
+        return (
+            self.sides[table] == "motor" if table in self.sides else all(column.motor for column in columns)
+        )
 
     def _side(self, table: str, columns: list[Column]) -> str:
         motor = self._of_motors(table, columns)
@@ -406,8 +401,8 @@ class RecordingWriter:
     def _velocity(self) -> list[str]:
         """Return commented lines: measured velocities may be better than differences of positions, or delayed."""
         unit = "rad/s" if "revolute" in self.robot.joint_kinds else "m/s"
-        lines = ["[recording.velocity]", *self.source.lines(self.velocity, self.robot)]
-        lines += [f'unit = "{unit}"', 'side = "joint"']
+        own = self.source.lines(self.velocity, self.robot)
+        lines = ["[recording.velocity]", *own, f'unit = "{unit}"', 'side = "joint"']
         head = "# Measured velocities, to be taken in place of differences of the positions:"
         return [head, *(f"# {line}" for line in lines)]
 

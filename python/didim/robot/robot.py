@@ -314,9 +314,8 @@ class Robot(Pickled):
     @cached_property
     def base_parameters(self) -> BaseParameters:
         """Parameters that motion identifies, (7)."""
-        core = self.core
         try:
-            return base_parameters(core)
+            return base_parameters(self.core)
         except ValueError as reason:
             raise RobotError(
                 f"{self.path.name}: lengths or gravity allow no base parameters in floating point ({reason})"
@@ -351,11 +350,8 @@ class Robot(Pickled):
             When the robot has no such set, or it does not fit the robot's friction.
         """
         if name not in self._named:
-            known = ", ".join(self._named) or "none"
-            raise RobotError(
-                f"{self.path.name}: no parameter set {name!r}{did_you_mean(name, self._named)} "
-                f"(there are: {known})"
-            )
+            known = f"{did_you_mean(name, self._named)} (there are: {', '.join(self._named) or 'none'})"
+            raise RobotError(f"{self.path.name}: no parameter set {name!r}{known}")
         return self._vector(name)
 
     def _vector(self, name: str) -> Array:
