@@ -26,7 +26,7 @@ help:
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, its instructions (where valgrind is installed), and speed beside other programs"
 	@echo "make docs    the documentation, in site/"
-	@echo "make wheel   a wheel for Linux of this processor, with glibc 2.17 or later (manylinux), in dist/"
+	@echo "make wheel   a wheel for Linux of this processor, or of TARGET=aarch64-unknown-linux-gnu, with glibc 2.17 or later (manylinux), in dist/"
 	@echo "make sdist   the sources, in dist/: pip makes a wheel of them where Rust is installed"
 	@echo "make wheel-check   a wheel, and examples and demo with it in empty environments, without Rust"
 	@echo "make clean   remove everything that the targets above made"
@@ -96,7 +96,7 @@ wheel: $(VENV)/.group-wheels
 	rm -rf dist/built
 	PATH="$(abspath $(BIN)):$$PATH" \
 	RUSTFLAGS="--remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim" \
-	$(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist/built
+	$(BIN)/maturin build --release --strip --zig $(addprefix --target ,$(TARGET)) --compatibility manylinux2014 --out dist/built
 	$(BIN)/wheel unpack --dest dist/built dist/built/didim-*.whl
 	sed -i 's|path+file://$(CURDIR)|path+file:///didim|g' dist/built/didim-*/*.dist-info/sboms/*.json
 	$(BIN)/wheel pack --dest-dir dist $$(ls -d dist/built/didim-*/)

@@ -1,17 +1,23 @@
 """Is the wheel all that somebody needs who has Python and nothing else?
 
-    python benches/wheel_check.py [WHEEL] [--python PYTHON | FOLDER:PYTHON ...]
+    python benches/wheel_check.py [WHEEL] [--contract] [--python PYTHON | FOLDER:PYTHON ...]
 
 installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
 commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
 how large it is. It fails where a command fails, where anything is imported from outside the environment, where the core asks
 for a later glibc than the name of the wheel says, where the licence of a Rust package inside, or the SBOM, is missing, and where a
-file of the wheel tells in which folder it was built.
+file of the wheel tells in which folder it was built. `--contract` also runs the contract suite of the methods there.
 
 `FOLDER:PYTHON` is an interpreter in the root of another system, entered by chroot (as root):
 
     debootstrap --include=python3-venv,ca-certificates bookworm /tmp/bookworm
     python benches/wheel_check.py --python /tmp/bookworm:/usr/bin/python3
+
+With qemu-user-static and binfmt-support the system may be one of another processor:
+
+    make wheel TARGET=aarch64-unknown-linux-gnu
+    debootstrap --arch=arm64 --include=python3-venv,ca-certificates bookworm /tmp/arm64
+    python benches/wheel_check.py --contract --python /tmp/arm64:/usr/bin/python3
 """
 
 from __future__ import annotations
@@ -31,15 +37,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 DIST = Path(__file__).resolve().parent.parent / "dist"
+TESTS = DIST.parent / "tests"
+CONTRACT = ("conftest.py", "contract.py", "test_contract.py")
+"""Files of the contract suite."""
 PACKAGES = {"didim": ("didim",), "numpy": ("numpy", "numpy.libs"), "scipy": ("scipy", "scipy.libs")}
 """Folders of each package in site-packages."""
 SYSTEM = """
-import platform
+import platform, numpy, scipy
 try:
     system = platform.freedesktop_os_release()["PRETTY_NAME"]
 except (OSError, KeyError):
     system = platform.system()
-print(platform.python_implementation(), platform.python_version(), *platform.libc_ver(), "of", system)
+python = platform.python_implementation(), platform.python_version(), *platform.libc_ver()
+print(*python, "of", system, platform.machine(), "numpy", numpy.__version__, "scipy", scipy.__version__)
 """
 MUST_TRAVEL = ("faer", "nalgebra", "numpy", "pyo3", "simba")
 """Packages that make up most of the core, under MIT, Apache-2.0 and BSD-2-Clause."""
@@ -143,8 +153,8 @@ def run(
     )
 
 
-def check(wheel: Path, place: Place) -> None:
-    """Install the wheel in a place and use it."""
+def check(wheel: Path, place: Place, contract: bool = False) -> None:
+    """Install the wheel in a place and use it; `contract`: run the contract suite too."""
     base = place.here(Path("/tmp"))
     folder = Path(tempfile.mkdtemp(prefix="wheel-check-", dir=base))
     try:
@@ -155,19 +165,7 @@ def check(wheel: Path, place: Place) -> None:
         # pip needs the settings of this machine; what is installed is run without them.
         subprocess.run(place.command(place.python, "-m", "venv", environment), check=True)
         python = environment / "bin" / "python"
-        install = [
-            python,
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "--disable-pip-version-check",
-            inside / wheel.name,
-        ]
-        settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-        done = run(place, empty, settings, install)
-        if done.returncode:
-            sys.exit(f"pip cannot install {wheel.name}: {done.stderr}")
+        install(place, python, inside / wheel.name)
         bare = bare_environment(environment / "bin")
         print(run(place, empty, bare, [python, "-c", SYSTEM]).stdout.strip())
         where = run(place, empty, bare, [python, "-c", "import didim; print(didim.__file__)"]).stdout.strip()
@@ -190,6 +188,13 @@ def check(wheel: Path, place: Place) -> None:
         left = [path.name for path in (folder / "empty").iterdir()]
         if left:
             sys.exit(f"didim compare left the files {left}")
+        if contract:
+            install(place, python, "pytest", "hypothesis")
+            (folder / "tests").mkdir()
+            for name in CONTRACT:
+                shutil.copy(TESTS / name, folder / "tests")
+            pytest = [python, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider", inside / "tests"]
+            print("contract suite:", succeed(place, empty, bare, pytest).splitlines()[-1])
         packages = place.here(Path(where).parent.parent)
         sizes = {name: sum(megabytes(packages / part) for part in parts) for name, parts in PACKAGES.items()}
         print(
@@ -202,11 +207,22 @@ def check(wheel: Path, place: Place) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def succeed(place: Place, folder: Path, environment: dict[str, str], words: Sequence[str]) -> str:
+def install(place: Place, python: Path, *packages: object) -> None:
+    """Install packages in the environment of an interpreter."""
+    settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    words = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages]
+    done = run(place, Path("/"), settings, words)
+    if done.returncode:
+        sys.exit(f"pip cannot install {' '.join(map(str, packages))}: {done.stderr}")
+
+
+def succeed(place: Place, folder: Path, environment: dict[str, str], words: Sequence[object]) -> str:
     """Run a command that has to end well, and return what it printed."""
     done = run(place, folder, environment, words)
     if done.returncode:
-        sys.exit(f"{' '.join(words)} ended with exit code {done.returncode}:\n{done.stdout}{done.stderr}")
+        sys.exit(
+            f"{' '.join(map(str, words))} ended with exit code {done.returncode}:\n{done.stdout}{done.stderr}"
+        )
     return done.stdout
 
 
@@ -215,6 +231,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("wheel", nargs="?", type=Path, help="default: the newest of dist/")
+    parser.add_argument("--contract", action="store_true", help="run the contract suite of the methods too")
     parser.add_argument(
         "--python",
         nargs="+",
@@ -234,7 +251,7 @@ def main() -> int:
     if files:
         sys.exit(f"{files[0]} names a folder of the machine that built the wheel")
     for name in options.python:
-        check(wheel, Place.named(name))
+        check(wheel, Place.named(name), options.contract)
     return 0
 
 
