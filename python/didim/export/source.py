@@ -103,35 +103,6 @@ def exported_parameters(
     return Source(model, x, (*model.notes, *notes), chosen.from_prior)
 
 
-def _are_bodies(robot: Robot, x: Array) -> bool:
-    """Whether parameters belong to bodies without any change."""
-    try:
-        model = export_model(robot, x)
-        for key in ("rotor", "viscous", "coulomb"):
-            model.own_share(key)
-    except FitError:
-        return False
-    return True
-
-
-def _with_terms(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the further friction terms of a result, as needed by its base parameters."""
-    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms", ())
-    return (
-        replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
-    )
-
-
-def _as_fitted(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the friction sign and dead zones of a result."""
-    saved = fit.settings.get("robot", {}).get("friction", {})
-    if not {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
-        return robot
-    smoothing, dead_zone = (tuple(map(float, saved[key])) for key in ("smoothing", "dead_zone"))
-    shape = replace(robot.friction, coulomb=saved["coulomb"], smoothing=smoothing, dead_zone=dead_zone)
-    return replace(robot, friction=shape)
-
-
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
     """Return the robot of a result."""
     robot_of_fit = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
@@ -140,25 +111,6 @@ def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | N
     if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters
         options["coulomb"] = "sign"
     return robot_of_fit.with_friction(**options)
-
-
-def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[Array, list[str]]:
-    """Return standard parameters in the order of the robot, and a sentence on further friction terms of the result."""
-    values = dict(zip(fit.parameter_names, x.tolist(), strict=True))
-    missing = next((name for name in robot.parameter_names if name not in values), None)
-    if missing is not None:
-        raise FitError(
-            f"{path.name}: it has no parameter {missing!r} of robot {robot.name!r}; is it of another robot?"
-        )
-    further = [name for name in fit.parameter_names if name not in robot.parameter_names]
-    other = next((name for name in further if PLACED.fullmatch(name)), None)
-    if other is not None:
-        raise FitError(
-            f"{path.name}: it has parameter {other!r}, which robot {robot.name!r} has not; is it of another robot?"
-        )
-    left = [name for name in further if values[name]]
-    notes = [f"further friction terms are left out: {', '.join(left)}"] if left else []
-    return np.array([values[name] for name in robot.parameter_names]), notes
 
 
 def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
@@ -181,3 +133,51 @@ def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
         )
     wanted = f"its robot file {names[0]!r} is" if names else "its robot is"
     raise FitError(f"{path.name}: {wanted} not beside it; say where it is: --robot ROBOT")
+
+
+def _with_terms(robot: Robot, fit: Identification) -> Robot:
+    """Return the robot with the further friction terms of a result, as needed by its base parameters."""
+    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms", ())
+    return (
+        replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
+    )
+
+
+def _as_fitted(robot: Robot, fit: Identification) -> Robot:
+    """Return the robot with the friction sign and dead zones of a result."""
+    saved = fit.settings.get("robot", {}).get("friction", {})
+    if not {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
+        return robot
+    smoothing, dead_zone = (tuple(map(float, saved[key])) for key in ("smoothing", "dead_zone"))
+    shape = replace(robot.friction, coulomb=saved["coulomb"], smoothing=smoothing, dead_zone=dead_zone)
+    return replace(robot, friction=shape)
+
+
+def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[Array, list[str]]:
+    """Return standard parameters in the order of the robot, and a sentence on further friction terms of the result."""
+    values = dict(zip(fit.parameter_names, x.tolist(), strict=True))
+    missing = next((name for name in robot.parameter_names if name not in values), None)
+    if missing is not None:
+        raise FitError(
+            f"{path.name}: it has no parameter {missing!r} of robot {robot.name!r}; is it of another robot?"
+        )
+    further = [name for name in fit.parameter_names if name not in robot.parameter_names]
+    other = next((name for name in further if PLACED.fullmatch(name)), None)
+    if other is not None:
+        raise FitError(
+            f"{path.name}: it has parameter {other!r}, which robot {robot.name!r} has not; is it of another robot?"
+        )
+    left = [name for name in further if values[name]]
+    notes = [f"further friction terms are left out: {', '.join(left)}"] if left else []
+    return np.array([values[name] for name in robot.parameter_names]), notes
+
+
+def _are_bodies(robot: Robot, x: Array) -> bool:
+    """Whether parameters belong to bodies without any change."""
+    try:
+        model = export_model(robot, x)
+        for key in ("rotor", "viscous", "coulomb"):
+            model.own_share(key)
+    except FitError:
+        return False
+    return True
