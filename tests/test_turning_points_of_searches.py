@@ -153,11 +153,11 @@ def test_a_pivot_that_proves_an_information_regular(
 def test_encoder_steps_are_put_on_a_motion_of_an_eighth_of_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
     cutoffs: list[float | None] = []
 
-    def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> None:
+    def low_pass(q: Array, rate_hz: float, signal: SignalProcessing) -> None:
         cutoffs.append(signal.cutoff_hz)
         raise InterruptedError
 
-    monkeypatch.setattr("didim.methods.rounding.differentiate", differentiate)
+    monkeypatch.setattr("didim.methods.rounding.low_pass", low_pass)
     recording = stub(rate_hz=100.0, windows=[(0, 9)], measured_positions=lambda: np.zeros((9, 1)))
     for cutoff in (24.0, None):  # half of the rate without one
         job = stub(experiment=stub(recordings=[recording]), signal=SignalProcessing(cutoff_hz=cutoff))

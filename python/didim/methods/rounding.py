@@ -20,7 +20,7 @@ from ..model.dynamics import inverse_dynamics
 from ..regression.fit import Fit
 from ..regression.linear_system import linear_system, unit_columns
 from ..signal.align import align
-from ..signal.filters import differentiate
+from ..signal.filters import derivatives, differentiate, low_pass
 from ..signal.segments import Segment, trimmed
 from .job import Delay, Job, shift
 
@@ -91,7 +91,7 @@ def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Se
     cutoff = 0.5 * rate if signal.cutoff_hz is None else signal.cutoff_hz
     smoother = replace(signal, cutoff_hz=cutoff / SMOOTHER, form="sections")
     start, stop = recording.windows[part.window]
-    smooth = differentiate(recording.measured_positions()[start:stop], rate, smoother)
+    smooth = derivatives(low_pass(recording.measured_positions()[start:stop], rate, smoother), rate, signal)
     grid = np.where(step > 0.0, step, 1.0)
     q = np.where(step > 0.0, np.round(smooth[0] / grid) * grid, smooth[0])
     warmth = () if recording.temperature is None else (recording.temperature[start:stop],)
