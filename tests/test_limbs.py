@@ -12,24 +12,29 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim.errors import SimulationError
+from didim.errors import FitError, SimulationError
 from didim.evidence.hypotheses.geometry import gravities, lengths
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.hypotheses.positions import exchanged, positions
 from didim.evidence.naming import torque_findings
 from didim.evidence.rows import LogRows
 from didim.experiment.experiment import Experiment
+from didim.experiment.specs import Measurement
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Digital
 from didim.loop.memory import ControllerMemory
 from didim.methods.cloe.jacobian import Jacobian
 from didim.methods.cloe.output_error import OutputError
+from didim.methods.didim.by_limb import ByLimb, iterations_of
+from didim.methods.didim.iterations import Iterations
 from didim.methods.didim.response import Response
 from didim.methods.didim.slack import Loop, SolvedIterate
 from didim.methods.didim.windows import Simulated, simulated_all, windows_of
-from didim.model.limbs import Directions, limbs_of
-from didim.result.iteration import Reporter
+from didim.model.limbs import Directions, Limb, limbs_of, renamed
+from didim.result.iteration import Iteration, Reporter
+from didim.result.status import Status
 from didim.robot.robot import Robot
+from didim.studies.simulated_log import simulated_log
 from simulated import closed_loop_log
 from test_trees import legs
 from urdfs import inertial_text, joint_text
@@ -231,6 +236,135 @@ def test_the_response_of_all_limbs_at_once(
     count = len(place.system.names)
     assert counts == [count // 3, count]
     np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-9 * np.abs(found[1]).max())
+
+
+def alone(log: Experiment, limb: Limb) -> Experiment:
+    """The log of one limb."""
+    at = list(limb.joints)
+    assert isinstance(log.reference, didim.Reference)
+    assert isinstance(log.controller, didim.Controller)
+    recordings = []
+    for item in log.recordings:
+        assert item.tau is not None
+        recordings.append(replace(item, q=item.q[:, at], dq=None, tau=item.tau[:, at], q_ref=None))
+    return replace(
+        log,
+        robot=limb.of(log.robot),
+        recordings=tuple(recordings),
+        reference=log.reference.of_joints(at),
+        controller=log.controller.of_joints(at),
+        simulation=replace(log.simulation, smoothing=(0.02,) * len(at)),
+    )
+
+
+@pytest.fixture(scope="module")
+def slack(walker: tuple[Experiment, Array]) -> Experiment:
+    """The same robot with a slack loop at its second leg, which takes more iterations."""
+    log, x = walker
+    controller = didim.Controller.tuned([8.0, 8.0, 1.5, 1.5, 8.0, 8.0], [0.7] * 6, [0.5] * 6)
+    noise = Measurement(torque_noise=(0.05,) * 6, position_noise=(1e-5,) * 6, seed=1)
+    return simulated_log(replace(log, controller=controller, recordings=(), measurement=noise), x)
+
+
+PLAIN = didim.DIDIM(physical=False)
+
+
+def didim_of(log: Experiment, method: didim.DIDIM) -> Iterations:
+    return iterations_of(method, method.job(log, log.simulated_robot), Reporter())
+
+
+def test_each_limb_iterates_as_by_itself(slack: Experiment) -> None:
+    """One leg ends at the fixed point of its slack loop, the others by the rule on a step; none is simulated for another."""
+    entries: list[Iteration] = []
+
+    def add(entry: Iteration) -> bool:
+        entries.append(entry)
+        return False
+
+    whole = didim.identify(slack, PLAIN, callback=add)
+    run = didim_of(slack, PLAIN)
+    run.result()
+    assert isinstance(run, ByLimb)
+    assert whole.converged
+    assert whole.uncertainty is not None
+    fits = []
+    for limb, part in zip(limbs_of(slack.robot), run.parts, strict=True):
+        fit = didim.identify(alone(slack, limb), PLAIN)
+        assert fit.uncertainty is not None
+        at = [whole.names.index(renamed(name, limb.links)) for name in fit.names]
+        np.testing.assert_allclose(whole.beta[at] / fit.std, fit.beta / fit.std, atol=1e-7)
+        size = np.outer(fit.std, fit.std)
+        np.testing.assert_allclose(whole.covariance[np.ix_(at, at)] / size, fit.covariance / size, atol=1e-7)
+        for key, close in (("deletions", 1e-7), ("std_white", 1e-4)):  # the variance (9) is that of all rows
+            one, other = (getattr(item.uncertainty, key) for item in (whole, fit))
+            np.testing.assert_allclose(one[..., at] / fit.std, other / fit.std, atol=close)
+        assert part.simulator.n_simulations == fit.n_simulations
+        fits.append(fit)
+    counts = [fit.n_iterations for fit in fits]
+    assert min(counts) < max(counts)
+    assert whole.ending.endswith(f"Iterations by limb: {', '.join(map(str, counts))}.")
+    assert tuple(entries) == whole.history
+    assert [item.iteration for item in entries] == list(range(1, max(counts) + 1))
+    assert whole.n_simulations == max(fit.n_simulations for fit in fits)
+    assert whole.remarks == tuple(f"leg1: {text}" for text in fits[1].remarks)
+    assert len(whole.remarks) == 2
+
+
+def test_iterations_of_the_limbs_are_joined(slack: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To those of a robot that iterates as a whole, as long as no limb has ended."""
+    method = replace(PLAIN, max_iterations=2)
+    apart = didim.identify(slack, method)
+    monkeypatch.setattr("didim.methods.didim.by_limb.places_of", lambda problem: [])
+    together = didim.identify(slack, method)
+    assert apart.status is together.status is Status.NOT_CONVERGED
+    assert apart.ending == together.ending
+    assert apart.n_simulations == together.n_simulations
+    assert not apart.std.any()
+    np.testing.assert_allclose(apart.beta, together.beta, rtol=1e-9)
+    for one, other in zip(apart.history, together.history, strict=True):
+        assert (one.relative_error, one.step) == pytest.approx((other.relative_error, other.step))
+        assert one.more.keys() == other.more.keys()
+        for key in one.more.keys() - {"condition_number", "contraction", "remaining_sigma"}:
+            assert one.more[key] == pytest.approx(other.more[key], nan_ok=True), key
+        assert one.more["condition_number"] <= other.more["condition_number"]
+
+
+def test_a_run_that_is_stopped_ends_all_limbs(slack: Experiment) -> None:
+    fit = didim.identify(slack, PLAIN, callback=lambda entry: entry.iteration == 4)
+    assert fit.status is Status.STOPPED
+    assert fit.n_iterations == 4
+    assert not fit.std.any()
+
+
+def test_sentences_on_a_limb_have_the_joints_and_names_of_the_robot(slack: Experiment) -> None:
+    controller = didim.Controller.pd([300.0, 300.0, 300.0, 300.0, -300.0, 300.0], [30.0] * 6)
+    with pytest.raises(FitError, match=r"cannot start from these .* diverged at .* joint [56] has left"):
+        didim.identify(replace(slack, controller=controller), PLAIN)
+    run = didim_of(slack, PLAIN)
+    assert isinstance(run, ByLimb)
+    run.begin()
+    for part, stuck in zip(run.parts, ("Fv2", "Fc4", ""), strict=True):
+        system = part.problem.observe(part.iterate)
+        w = system.w * [name != stuck for name in system.names]
+        part.problem.solve(part.iterate, replace(system, w=w))
+    while not run.over:
+        run.advance()
+    assert run.problem.stuck == {0: "'Fv2', 'Fc4'"}
+
+
+def test_limbs_that_share_something_iterate_together(slack: Experiment) -> None:
+    moves = didim.Reference.point_to_point(
+        [[0.0] * 6, [0.1, 0.2, 0.3, 0.1, 0.2, 0.3]], max_velocity=1.0, max_acceleration=5.0, dwell_s=2.0
+    )
+    third = [name for name in slack.robot.base_parameters.names if name.rstrip("R+-")[-1] in "56"]
+    for log, method in (
+        (slack, didim.DIDIM()),
+        (slack, didim.DIDIM(solver="huber")),
+        (slack, replace(PLAIN, dropped=third)),
+        (replace(slack, reference=moves), PLAIN),
+        (alone(slack, limbs_of(slack.robot)[0]), PLAIN),
+    ):
+        assert type(didim_of(log, method)) is Iterations
 
 
 def as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,12 +112,17 @@ class Products:
     def of(cls, columns: Array, torque: Array, blocks: int = BLOCKS, given: Array | None = None) -> Products:
         """Return the products of columns, (n, rows, p), and torques, (n, rows), in blocks of time."""
         cuts = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(torque.shape[1]), blocks)]
-        g = np.stack([np.matmul(columns[:, c].transpose(0, 2, 1), columns[:, c]) for c in cuts], axis=1)
-        h = np.stack([np.matmul(torque[None, :, c], columns[:, c]) for c in cuts], axis=2)
+        n, _, p = columns.shape
+        g, h = np.empty((n, blocks, p, p)), np.empty((n, n, blocks, p))
+        for b, c in enumerate(cuts):
+            np.matmul(columns[:, c].transpose(0, 2, 1), columns[:, c], out=g[:, b])
+            np.matmul(torque[None, :, c], columns[:, c], out=h[:, :, b])
         scale = np.sqrt(np.einsum("jmpp->p", g))
         scale[scale == 0.0] = 1.0
+        g /= scale[:, None] * scale
+        h /= scale
         squares = np.stack([np.sum(torque[:, c] ** 2, axis=1) for c in cuts], axis=1)
-        return cls(g / (scale[:, None] * scale), h / scale, squares, scale, given)
+        return cls(g, h, squares, scale, given)
 
     @classmethod
     def of_system(cls, system: LinearSystem) -> Products:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
-from .jackknife import Factors
+from .jackknife import Branches, Factors
 
 Progress = Callable[[int, Array, Array], bool]
 """Callback with the number of a solution (from 1), its estimate and its residual; True stops the solver."""
@@ -35,7 +35,7 @@ class Fit:
         Whether the callback asked to stop.
     converged : bool
         False for iterations that ended before convergence.
-    factors : Factors or None
+    factors : Factors, Branches or None
         Weighted factors for the jackknife's deletions; None for those of least squares with `weights`.
     standard : ndarray, shape (p,), or None
         Standard parameters of a physically consistent solution; None if the solver only has base parameters.
@@ -52,7 +52,7 @@ class Fit:
     condition_number: float
     stopped: bool = False
     converged: bool = True
-    factors: Factors | None = None
+    factors: Factors | Branches | None = None
     standard: Array | None = None
     remarks: tuple[str, ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)

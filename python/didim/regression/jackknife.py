@@ -252,14 +252,21 @@ class Branches:
     @classmethod
     def of(cls, system: LinearSystem, weights: Array, residual: Array) -> Branches:
         """Return the factors of weighted least squares, from the weights (r,) and the residual (r,) without them."""
-        inverse, parts = np.zeros((len(system.names), len(system.names))), []
+        parts = []
         for (rows, columns), w in zip(system.parts, system.matrices, strict=True):
             if not columns.size:
                 continue  # joints without unknowns, because all columns are dropped or fixed
             part = Factors.of(w * weights[rows, None], residual[rows] * weights[rows])
-            inverse[np.ix_(columns, columns)] = part.inverse
             parts.append((rows, columns, part))
-        return cls(parts, inverse, residual * weights)
+        return cls.joined(parts, len(system.names), residual * weights)
+
+    @classmethod
+    def joined(cls, parts: list[tuple[Rows, Rows, Factors]], n_columns: int, residual: Array) -> Branches:
+        """Return branches side by side, of so many columns and the weighted residual (r,) of all rows."""
+        inverse = np.zeros((n_columns, n_columns))
+        for _, columns, part in parts:
+            inverse[np.ix_(columns, columns)] = part.inverse
+        return cls(parts, inverse, residual)
 
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
         """Compute the estimates without each block of rows, branch by branch; see `Factors.jackknife`."""

@@ -13,7 +13,7 @@ from typing import ClassVar
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Reporter
-from .iterations import Iterations
+from .by_limb import iterations_of
 from .settings import DIDIMSettings
 
 
@@ -30,4 +30,4 @@ class DIDIM(DIDIMSettings):
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
-        return Iterations.of(self, job, reporter).result()
+        return iterations_of(self, job, reporter).result()

@@ -46,11 +46,17 @@ class Iterations:
         Ending, if known.
     over : bool
         Whether the run has ended.
+    iterate : Iterate
+        The current iterate.
     solved : Solved
         The last solution.
+    along : Iterate
+        The iterate along whose motion that was.
     """
 
+    iterate: Iterate
     solved: Solved
+    along: Iterate
 
     def __init__(self, problem: Problem, globalisation: Globalisation) -> None:
         self.problem, self.globalisation, self.reporter = problem, globalisation, problem.reporter
@@ -75,16 +81,24 @@ class Iterations:
 
     def result(self) -> Identification:
         """Iterate to the end, and build the result."""
-        iterate = self._best = self.begin()  # the start, (17) by default
-        self._first_error = iterate.simulated.error
+        self.begin()
         while not self.over:
-            system = self.problem.observe(iterate)  # Y, and W along the simulated motion, (6)
-            solved = self.problem.solve(iterate, system)  # (7) and (8)
-            step = self.globalisation.step(iterate, solved)  # towards the solution, and simulated there
-            iterate = self.stop(iterate, solved, step)  # or continue from here
-        return self._finish(iterate)
+            self.advance()
+        return self._finish(self.iterate)
 
-    def begin(self) -> Iterate:
+    def begin(self) -> None:
+        """Begin at the start, (17) by default."""
+        self.iterate = self._best = self._start()
+        self._first_error = self.iterate.simulated.error
+
+    def advance(self) -> None:
+        """Take one iteration."""
+        system = self.problem.observe(self.iterate)  # Y, and W along the simulated motion, (6)
+        solved = self.problem.solve(self.iterate, system)  # (7) and (8)
+        step = self.globalisation.step(self.iterate, solved)  # towards the solution, and simulated there
+        self.iterate = self.stop(self.iterate, solved, step)  # or continue from here
+
+    def _start(self) -> Iterate:
         """Simulate the start, with smaller time steps if those of the experiment fail."""
         x = self.problem.start()
         scale = self.simulator.gain_scale(x)
@@ -99,7 +113,7 @@ class Iterations:
         """Record the iteration, and end the run by the stopping rule or the callback; return the current iterate."""
         if isinstance(step.after, Iterate) and step.repeated:
             return step.after
-        self.solved = solved
+        self.solved, self.along = solved, iterate
         self.history.append(self._entry(iterate, solved, step))
         stopped = self.reporter.progress(self.history[-1])
         self.over = stopped or len(self.history) >= self.method.max_iterations
@@ -132,15 +146,15 @@ class Iterations:
 
     def _finish(self, iterate: Iterate) -> Identification:
         """Build the result: the last iterate if the iterations converged, the best one otherwise."""
-        solved, best = self.solved, self._best
+        best = self._best
         if self.status is not Status.CONVERGED:
             iterate = best
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
-            solved = self.solved = self.problem.solve(best, self.problem.observe(best))
+            self.solved = self.problem.solve(best, self.problem.observe(best))
         self.reporter.say(counted(self.simulator.n_simulations, "simulation"))
         return result_at(
             iterate,
-            solved,
+            self.solved,
             self.problem,
             status=self.status,
             ending=self._ending,
@@ -180,7 +194,8 @@ class Iterations:
         self.history = end.continued(self.history)
         self._remarks += end.remarks
         self.solved = replace(solved, system=end.iterate.system, fit=end.iterate.fit)
-        return Iterate(end.iterate.x, end.iterate.simulated, len(self.history))
+        self.along = Iterate(end.iterate.x, end.iterate.simulated, len(self.history))
+        return self.along
 
     def _entry(self, iterate: Iterate, solved: Solved, step: Step) -> Iteration:
         """Return the entry of the history."""

@@ -150,7 +150,7 @@ class LogSimulator:
         if self.method.gain_updating == "never":
             return None
         q = self.reference_positions()
-        here, real = (self._inertias(parameters, q) for parameters in (x, self.direct().parameters))
+        here, real = (self._inertias(parameters, q) for parameters in (x, self.real_parameters()))
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
     def _inertias(self, x: Array, q: Array) -> Array:
@@ -170,6 +170,10 @@ class LogSimulator:
                 self.method, experiment, self.reporter, compensate_samples=self.delay
             )
         return self._direct
+
+    def real_parameters(self) -> Array:
+        """Return the standard parameters with the inertias for the controller, (p,)."""
+        return self.direct().parameters
 
     def suspicions(self) -> list[Finding]:
         """Return suspected faults along the measured motion, which is independent of parameters."""

@@ -166,7 +166,7 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
         if not outcomes[0].completed:
             return outcomes[0], count
         motions.append(_motion(window, arrays, 0))
-    return _of_motions(windows, x, motions, scale), len(windows)
+    return of_motions(windows, x, motions, scale), len(windows)
 
 
 def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> list[Simulated | Outcome]:
@@ -178,7 +178,7 @@ def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> lis
         for k in range(len(some)):
             ended = [outcomes[k] for _, outcomes in runs if not outcomes[k].completed]
             motions = [_motion(window, arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
-            found.append(ended[0] if ended else _of_motions(windows, some[k], motions, None))
+            found.append(ended[0] if ended else of_motions(windows, some[k], motions, None))
     return found
 
 
@@ -187,12 +187,13 @@ def _motion(window: Window, arrays: Sequence[Array], candidate: int) -> tuple[Ar
     return q, dq, ddq, tau
 
 
-def _of_motions(
+def of_motions(
     windows: Sequence[Window],
     x: Array,
     motions: list[tuple[Array, Array, Array, Array]],
     scale: Array | None,
 ) -> Simulated:
+    """Return simulated motions of every window, with the error of their torques."""
     squares, size = 0.0, 0.0
     for window, (_, _, _, tau) in zip(windows, motions, strict=True):
         measured = window.torque(x)

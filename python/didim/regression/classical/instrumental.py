@@ -269,7 +269,7 @@ def solve_with_instruments(
 
 def instrument_diagnosis(system: LinearSystem, fit: Fit) -> Diagnosis:
     """Return the diagnosis of the observation matrix; `fit` is that of `solve_with_instruments`."""
-    assert fit.factors is not None
+    assert isinstance(fit.factors, Factors)
     left, rows = fit.factors.left, system.w * fit.weights[:, None]
     return Diagnosis(
         strength=instrument_strength(rows, left),

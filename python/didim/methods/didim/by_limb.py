@@ -1,0 +1,309 @@
+"""DIDIM of a robot whose limbs share nothing: each iterates by itself, as a robot of its own, until its own end.
+
+One that has converged is neither simulated nor solved while the others go on. The iterates of all limbs are joined to one of the
+robot, for whose result all rows are solved once more. Tested in ``tests/test_limbs.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ..._tools.words import series
+from ...loop.outcome import Outcome
+from ...model.limbs import Limb, limbs_of, renamed
+from ...regression.fit import Fit
+from ...regression.jackknife import Branches, Factors
+from ...regression.least_squares import solve
+from ...regression.linear_system import LinearSystem
+from ...regression.logs.parameters import LogParameters
+from ...regression.selection import Selection
+from ...result.finding import Finding
+from ...result.identification import Identification
+from ...result.iteration import Iteration, Reporter
+from ...result.status import Status
+from ..job import Job, ratio
+from ..uncertainty import with_velocities
+from .globalisation import SafeSteps
+from .iterations import Iterations
+from .problem import Problem
+from .settings import DIDIMSettings
+from .simulator import LogSimulator
+from .windows import Iterate, Simulated, Solved, Window, of_motions
+
+LEAST = ("step_length", "largest_safe_step")
+"""Numbers of an iteration whose least one stands for all limbs; of the others the largest does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The place of a limb in the robot.
+
+    Attributes
+    ----------
+    limb : Limb
+        The limb.
+    columns : list of int
+        Its base parameters among those of the robot.
+    """
+
+    limb: Limb
+    columns: list[int]
+
+    @property
+    def joints(self) -> list[int]:
+        """Its driven joints, from 0."""
+        return list(self.limb.joints)
+
+    def job(self, problem: Problem) -> Job:
+        """Return the job of the limb by itself."""
+        job, selection = problem.job, problem.job.selection
+        return replace(
+            job,
+            robot=self.limb.robot,
+            selection=Selection(
+                roles=tuple(selection.roles[column] for column in self.columns),
+                values=selection.values[self.columns],
+            ),
+            delay_setting=problem.simulator.delay,
+            parameters=LogParameters(self.limb.robot, (), {}, {}, {}),
+        )
+
+
+def iterations_of(method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
+    """Return the iterations of a job: limb by limb where limbs share neither motion, parameters nor conditions."""
+    together = Iterations.of(method, job, reporter)
+    places = places_of(together.problem)
+    return ByLimb(together.problem, places) if places else together
+
+
+def places_of(problem: Problem) -> list[Place]:
+    """Return the limbs that iterate by themselves; none where something is common to all."""
+    job, limbs = problem.job, limbs_of(problem.job.robot)
+    apart = all(len(window.loop.limbs) == len(limbs) > 1 for window in problem.simulator.windows)
+    if not apart or job.solver is not solve or not job.parameters.simple or problem.instrumental:
+        return []
+    column = {index: k for k, index in enumerate(job.robot.base_parameters.indices)}
+    places = [
+        Place(limb, [column[index] for index in limb.indices[list(limb.robot.base_parameters.indices)]])
+        for limb in limbs
+    ]
+    estimated = set(job.selection.estimated)
+    return places if all(estimated.intersection(place.columns) for place in places) else []
+
+
+class LimbSimulator(LogSimulator):
+    """The closed loops of one limb, in the windows of the robot."""
+
+    def __init__(self, whole: LogSimulator, place: Place, job: Job, reporter: Reporter) -> None:
+        self.whole, self.place = whole, place
+        super().__init__(whole.method, job, reporter)
+        self.windows = [self._of_limb(window) for window in whole.windows]
+
+    def _of_limb(self, window: Window) -> Window:
+        (loop,) = (loop for limb, loop in window.loop.limbs if limb.joints == self.place.limb.joints)
+        tau = np.ascontiguousarray(window.tau[:, self.place.joints])
+        return replace(window, loop=loop, tau=tau, parameters=self.job.parameters)
+
+    def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
+        """Simulate every window of the limb; an early end has the number of the joint in the robot."""
+        found = super().simulate(x, scale, checked)
+        return found.of_limb(self.place.joints) if isinstance(found, Outcome) else found
+
+    def direct(self) -> Identification:
+        """Return the IDIM-LS estimate of the robot."""
+        return self.whole.direct()
+
+    def real_parameters(self) -> Array:
+        """Return the standard parameters of the limb with the inertias for the controller."""
+        return self.whole.real_parameters()[self.place.limb.indices]
+
+    def suspicions(self) -> list[Finding]:
+        """Return suspected faults of the log."""
+        return self.whole.suspicions()
+
+
+class LimbProblem(Problem):
+    """The linear system of one limb, with the names of the robot's parameters."""
+
+    def __init__(self, whole: Problem, place: Place, x: Array, reporter: Reporter) -> None:
+        self.whole, self.place, self._x = whole, place, x[place.limb.indices]
+        super().__init__(whole.method, place.job(whole), reporter)
+        names = self.robot.base_parameters.names
+        self._names = {name: renamed(name, place.limb.links) for name in names}
+
+    def _simulator(self) -> LogSimulator:
+        return LimbSimulator(self.whole.simulator, self.place, self.job, self.reporter)
+
+    def start(self) -> Array:
+        """Return the start of the limb."""
+        return self._x
+
+    def observe(self, iterate: Iterate) -> LinearSystem:
+        """Return (7) of the limb."""
+        system, names = super().observe(iterate), self._names
+        return replace(
+            system,
+            names=tuple(names[name] for name in system.names),
+            slopes={names[name]: column for name, column in system.slopes.items()},
+            alternatives=tuple((names[name], column) for name, column in system.alternatives),
+        )
+
+
+class ByLimb(Iterations):
+    """The iterations of all limbs abreast: iteration k of the robot is that of each limb that takes so many.
+
+    Attributes
+    ----------
+    parts : list of Iterations
+        Those of each limb.
+    """
+
+    parts: list[Iterations]
+
+    def __init__(self, problem: Problem, places: Sequence[Place]) -> None:
+        super().__init__(problem, SafeSteps(problem))
+        self.places = places
+
+    def begin(self) -> None:
+        """Begin at the start, (17) by default."""
+        self._x, self.parts = self.problem.start(), []
+        for place in self.places:
+            problem = LimbProblem(self.problem, place, self._x, self._reporter(place))
+            self.parts.append(Iterations(problem, SafeSteps(problem)))
+            self.parts[-1].begin()
+        self.iterate = self._best = self._joined([part.iterate for part in self.parts])
+        self._first_error = self.iterate.simulated.error
+
+    def _reporter(self, place: Place) -> Reporter:
+        return Reporter(say=lambda sentence: self.reporter.say(f"{place.limb.name}: {sentence}"))
+
+    def advance(self) -> None:
+        """Take one iteration of each limb that has not ended."""
+        number = len(self.history) + 1
+        for part in self.parts:
+            while not part.over and len(part.history) < number:
+                part.advance()
+        self.history.append(self._entry_of(number))
+        stopped = self.reporter.progress(self.history[-1])
+        self.over = stopped or all(part.over and len(part.history) <= number for part in self.parts)
+        if self.over:
+            self._gather(stopped)
+
+    def _entry_of(self, number: int) -> Iteration:
+        """Return the entry of an iteration; limbs that have ended stay as they are."""
+        entries = [part.history[min(number, len(part.history)) - 1] for part in self.parts]
+        moving = [entry for entry in entries if entry.iteration == number]
+        rests = [part.iterate.simulated.error for part in self.parts]
+        windows = [part.simulator.windows for part in self.parts]
+        sizes = np.array([np.linalg.norm(part.iterate.x) for part in self.parts])
+        torques = np.array([np.linalg.norm(part.solved.system.measured) for part in self.parts])
+        raw = np.array([math.sqrt(sum(float(np.sum(item.tau**2)) for item in each)) for each in windows])
+
+        def total(values: Iterable[float], of: Array) -> float:
+            return ratio(np.linalg.norm(np.array([*values]) * of), np.linalg.norm(of))
+
+        def output(key: str) -> float:
+            each = zip(entries, rests, strict=True)
+            return total((entry.more[key] if entry in moving else rest for entry, rest in each), raw)
+
+        error = total((entry.relative_error for entry in entries), torques)
+        before = self.history[-1].relative_error if self.history else math.nan
+        steps = (entry.step if entry in moving else 0.0 for entry in entries)
+        worst = {
+            key: float((np.fmin if key in LEAST else np.fmax).reduce([entry.more[key] for entry in moving]))
+            for key in moving[0].more
+        }
+        own = {
+            "residual_change": ratio(abs(error - before), before),
+            **{key: output(key) for key in ("output_error_before", "output_error_after")},
+        }
+        return Iteration(
+            iteration=number, relative_error=error, step=total(steps, sizes), more={**worst, **own}
+        )
+
+    def _gather(self, stopped: bool) -> None:
+        """Join the ends of all limbs."""
+        parts, statuses = self.parts, {part.status for part in self.parts}
+        ends = [part.iterate if part.status is Status.CONVERGED else part._best for part in parts]
+        # Each limb has its own steps in time, and may have been run with half of them already.
+        finer = [part.simulator.finer(end.x, end.simulated) for part, end in zip(parts, ends, strict=True)]
+        self.status = Status.STOPPED if stopped else Status.NOT_CONVERGED
+        if not stopped and statuses == {Status.CONVERGED}:
+            self.status = Status.CONVERGED
+        elif Status.NO_STEP in statuses:
+            self.status = Status.NO_STEP
+        self.simulator.n_simulations += max(part.simulator.n_simulations for part in parts)
+        for place, part in zip(self.places, parts, strict=True):
+            for iteration, names in part.problem.stuck.items():
+                known = self.problem.stuck.get(iteration)
+                self.problem.stuck[iteration] = names if known is None else f"{known}, {names}"
+            self.simulator.remarks += [f"{place.limb.name}: {text}" for text in part.simulator.remarks]
+            self._remarks += [f"{place.limb.name}: {text}" for text in part._remarks]
+        end = self._joined(ends)
+        finest = replace(end.simulated, finer=self._side_by_side(finer))
+        self.iterate = self._best = replace(end, simulated=finest)
+        if self.status is Status.CONVERGED:
+            last = max(parts, key=lambda part: len(part.history))
+            counts = series(str(len(part.history)) for part in parts)
+            self._ending = f"{last._ending} Iterations by limb: {counts}."
+            self.solved = self._solved()
+
+    def _side_by_side(self, values: Sequence[Array]) -> Array:
+        """Return the values of each limb's joints, (..., n_limb_joints), as those of the robot, (..., n_dof)."""
+        found = np.empty((*values[0].shape[:-1], self.problem.robot.n_dof))
+        for place, own in zip(self.places, values, strict=True):
+            found[..., place.joints] = own
+        return found
+
+    def _joined(self, iterates: Sequence[Iterate]) -> Iterate:
+        """Return the iterate of the robot of one of each limb."""
+        x, windows, runs = self._x.copy(), self.simulator.windows, [item.simulated for item in iterates]
+        for place, item in zip(self.places, iterates, strict=True):
+            x[place.limb.indices] = item.x
+        motions = []
+        for each in zip(*(run.motions for run in runs), strict=True):
+            q, dq, ddq, tau = map(self._side_by_side, zip(*each, strict=True))
+            motions.append((q, dq, ddq, tau))
+        scale = None
+        if any(run.scale is not None for run in runs):
+            ones = [np.ones(len(place.joints)) for place in self.places]
+            scale = self._side_by_side(
+                [one if run.scale is None else run.scale for run, one in zip(runs, ones, strict=True)]
+            )
+        return Iterate(x, of_motions(windows, x, motions, scale), max(item.iteration for item in iterates))
+
+    def _solved(self) -> Solved:
+        """Return the solution of all rows, with the errors of the limbs that ended at the fixed point of a slack loop."""
+        along = self._joined([part.along for part in self.parts])
+        solved = self.problem.solve(along, self.problem.observe(along))
+        if all(part.solved.fit.factors is None for part in self.parts):
+            return solved
+        return replace(solved, fit=self._with_errors(solved.system, solved.fit))
+
+    def _with_errors(self, system: LinearSystem, fit: Fit) -> Fit:
+        estimated = self.problem.job.selection.estimated
+        position = {column: k for k, column in enumerate(estimated)}
+        branches: list[tuple[NDArray[np.intp], NDArray[np.intp], Factors]] = []
+        covariance, residual, n = fit.covariance.copy(), np.zeros_like(fit.residual), len(estimated)
+        for place, part in zip(self.places, self.parts, strict=True):
+            rows = np.concatenate(
+                [np.arange(system.joints[joint].start, system.joints[joint].stop) for joint in place.joints]
+            )
+            columns = np.array([position[column] for column in place.columns if column in position])
+            own, factors = part.solved.fit, part.solved.fit.factors
+            if isinstance(factors, Factors):
+                covariance[np.ix_(columns, columns)] = own.covariance
+            else:
+                w = with_velocities(part.solved.system, own.solution).w
+                factors = Factors.of(w * own.weights[:, None], own.residual * own.weights)
+            velocities = np.arange(n, n + len(factors.inverse) - len(columns))
+            n += len(velocities)
+            branches.append((rows, np.concatenate([columns, velocities]), factors))
+            residual[rows] = factors.residual
+        return replace(fit, covariance=covariance, factors=Branches.joined(branches, n, residual))
