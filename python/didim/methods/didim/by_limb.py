@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ..._tools.words import series
+from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
 from ...model.limbs import Limb, limbs_of, renamed
 from ...regression.fit import Fit
@@ -103,7 +104,10 @@ class LimbSimulator(LogSimulator):
     def __init__(self, whole: LogSimulator, place: Place, job: Job, reporter: Reporter) -> None:
         self.whole, self.place = whole, place
         super().__init__(whole.method, job, reporter)
-        self.windows = [self._of_limb(window) for window in whole.windows]
+
+    def windows_of(self, experiment: Experiment) -> list[Window]:
+        """Return the windows of the robot, with the loop and torques of the limb."""
+        return [self._of_limb(window) for window in self.whole.windows]
 
     def _of_limb(self, window: Window) -> Window:
         (loop,) = (loop for limb, loop in window.loop.limbs if limb.joints == self.place.limb.joints)
