@@ -266,3 +266,6 @@ def test_check_knows_payloads_and_leaves_currents_alone() -> None:
     known = {"disc": Payload(name="disc", mass_kg=0.8)}
     (finding,) = didim.check(replace(log, recordings=currents, payloads=known))
     assert (finding.kind, finding.sentence[:30]) == ("drive-gain", "the drive gains are to be esti")
+    assert finding.advice.startswith("Identify them by idim-ls")
+    (finding,) = didim.check(replace(log, recordings=currents, payloads={"disc": Payload(name="disc")}))
+    assert "add a recording with a payload of known mass" in finding.advice

@@ -19,6 +19,7 @@ from didim.errors import FitError
 from didim.regression.logs.body import nearest_bodies
 from didim.robot.payload import Payload, flange_in_last_frame, frame_of_payloads, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
+from didim.robot.robot_text import robot_text
 from didim.studies.loads.payload import identify_payload, other_frames
 from several import DISC, arm_logs
 
@@ -130,12 +131,24 @@ def test_own_offsets_of_the_log_are_told_from_its_payload(known: didim.Identific
     assert abs(found.mass_kg - 2.0) < 0.05
 
 
-def test_the_frame_of_the_coordinates_is_named() -> None:
+def test_the_frame_of_the_coordinates_is_named(tmp_path: Path) -> None:
     urdf = Path(didim.__file__).parent / "packaged" / "examples" / "ur10e" / "ur10e.urdf"
     arm, flange = didim.load_robot(urdf), tuple(tuple(row) for row in np.eye(4)[:3].tolist())
     assert frame_of_payloads(arm) == "link wrist_3_link"
-    (remark,) = other_frames(arm, None)
+    assert other_frames(arm, None) == ("link tool0 has the same coordinates",)
+    (tmp_path / "arm.toml").write_text(robot_text(arm), encoding="utf-8")
+    (remark,) = other_frames(didim.load_robot(tmp_path / "arm.toml"), None)
     assert remark.startswith("links fixed to wrist_3_link: tool0; ")
+    turned = '<origin xyz="0 0 0" rpy="0 0 0"/>\n  </joint>\n  <link name="tool0"/>'
+    text = urdf.read_text(encoding="utf-8")
+    assert turned in text
+    turned_text = text.replace(
+        turned, turned.replace("0 0 0", "0 0.117 0", 1).replace("0 0 0", "-1.57079632679 0 0")
+    )
+    (tmp_path / "arm.urdf").write_text(turned_text, encoding="utf-8")
+    assert other_frames(didim.load_robot(tmp_path / "arm.urdf"), None) == (
+        "for coordinates of link tool0: [flange] with xyz_m = [0, 0.117, 0], rpy_rad = [-1.5707963, 0, 0]",
+    )
     assert frame_of_payloads(arm, flange) == "[flange]"
     assert not other_frames(arm, flange)
     assert frame_of_payloads(didim.load_robot("tx40")) == "frame 6"

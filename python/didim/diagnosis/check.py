@@ -248,7 +248,9 @@ def _model(
             said(
                 kind="drive-gain",
                 sentence="the drive gains are to be estimated, so nothing was compared with the model of the robot",
-                advice="Identify them by idim-ls, and check again with gain = [...]",
+                advice="Identify them by idim-ls, and check again with gain = [...]"
+                if experiment.fixed or any(load.split[0].any() for load in experiment.payloads.values())
+                else "Give gain = [...], or add a recording with a payload of known mass (mass_kg in its table [payload])",
             )
         ]
     robot, base = job.robot, job.robot.base_parameters

@@ -5,7 +5,7 @@ Tested in ``tests/test_urdf.py``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class LinkPlace:
         Other links that are fixed to it.
     locked : tuple of str
         Other links attached to it by locked joints.
+    lumped_poses : tuple of 3 x 4 tuples of float
+        Frames of the lumped links in that of the link (m); empty if the robot is not read from its URDF.
     """
 
     joint: str
@@ -41,6 +43,7 @@ class LinkPlace:
     pose: Pose
     lumped: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
+    lumped_poses: tuple[Pose, ...] = field(default=(), compare=False)
 
     @property
     def matrix(self) -> Array:

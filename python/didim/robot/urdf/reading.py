@@ -383,6 +383,7 @@ def _correspondence(
                 pose=rows_of(pose),
                 lumped=tuple(member.link for member in group[1:] if not member.locked),
                 locked=tuple(member.link for member in group[1:] if member.locked),
+                lumped_poses=tuple(rows_of(member.pose) for member in group[1:] if not member.locked),
             )
             for joint, group, pose in zip(chain.joints, chain.groups, table.link_poses, strict=True)
         ),

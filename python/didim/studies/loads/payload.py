@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import series
+from ..._tools.words import brief, series
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...methods.method import FitSettings
@@ -26,8 +26,9 @@ from ...regression.settings import LeastSquaresSettings
 from ...regression.weights import joint_sigma, per_row
 from ...result.identification import Identification
 from ...result.uncertainty import student_factor
+from ...robot.correspondence import homogeneous
 from ...robot.payload import NOTHING, Payload, Pose, frame_of_payloads
-from ...robot.rigid_body import central, pseudo_inertia
+from ...robot.rigid_body import central, pseudo_inertia, roll_pitch_yaw
 from ...robot.robot import Robot
 from ..loaded import unloaded, with_gains_of
 from ..prediction import with_friction_of
@@ -40,6 +41,10 @@ WEIGHT_PASSES = 4
 """Number of solutions, each with the weights of its predecessor."""
 PAYLOAD_DRAWS = 400
 """Number of draws of the estimate for the intervals of mass, centre and inertia."""
+LARGEST_NUMBER_OF_FRAMES = 3
+"""Number of links fixed to the last moving one that notes name."""
+SAME_FRAME = 1e-7
+"""Entry of a pose's difference from identity up to which two frames are the same."""
 EXACT_VARIANCE = 1e-14
 """Variance, as a share of the largest with each parameter in its own unit, below which a direction of the robot is exact."""
 
@@ -141,15 +146,28 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
 
 
 def other_frames(robot: Robot, flange: Pose | None) -> tuple[str, ...]:
-    """Return a sentence on frames of a URDF that a pendant may use in place of that of the last moving link."""
+    """Return sentences on frames of a URDF that a pendant may use in place of that of the last moving link."""
     places = robot.correspondence
     if flange is not None or places is None or not places.links[-1].lumped:
         return ()
     last = places.links[-1]
-    return (
-        f"links fixed to {last.link}: {series(last.lumped, 60)}; if the pendant uses the frame of one, write its pose in "
-        f"{last.link} under [flange] (xyz_m, rpy_rad)",
-    )
+    if not last.lumped_poses:
+        return (
+            f"links fixed to {last.link}: {series(last.lumped, 60)}; if the pendant uses the frame of one, write its pose in "
+            f"{last.link} under [flange] (xyz_m, rpy_rad)",
+        )
+    poses = zip(last.lumped[:LARGEST_NUMBER_OF_FRAMES], last.lumped_poses, strict=False)
+    return tuple(_for_coordinates_of(brief(link), homogeneous(pose)) for link, pose in poses)
+
+
+def _for_coordinates_of(link: str, pose: Array) -> str:
+    """Return the sentence on a link with this pose, (4, 4), in the frame of the flange."""
+    if np.allclose(pose, np.eye(4), rtol=0.0, atol=SAME_FRAME):
+        return f"link {link} has the same coordinates"
+    # Adding zero turns -0.0 into 0.0.
+    numbers = np.round([*pose[:3, 3], *roll_pitch_yaw(pose[:3, :3])], 7) + 0.0
+    xyz, rpy = (", ".join(f"{value:.9g}" for value in part) for part in (numbers[:3], numbers[3:]))
+    return f"for coordinates of link {link}: [flange] with xyz_m = [{xyz}], rpy_rad = [{rpy}]"
 
 
 def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experiment, str]:
