@@ -495,3 +495,27 @@ def test_a_recorded_trajectory_is_a_log(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.q, Q)
     np.testing.assert_array_equal(recording.tau, TAU)
     assert recording.rate_hz == RATE
+
+
+@pytest.mark.parametrize(("suffix", "module", "reader"), [("npz", np, "load"), ("mat", scipy.io, "loadmat")])
+def test_a_file_of_many_arrays_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: Any, reader: str
+) -> None:
+    """Reading the table of entries again for each array took minutes for thousands of them."""
+    path, read = tmp_path / f"log.{suffix}", getattr(module, reader)
+    arrays = {f"q{k}": Q[:20, 0] for k in range(50)}
+    if suffix == "npz":
+        np.savez(path, **arrays)  # type: ignore[arg-type]
+    else:
+        scipy.io.savemat(path, {**arrays, "s1": {"v": Q}, "s2": {"v": Q}, "text": "words"})
+    calls = []
+
+    def counting(*arguments: Any, **options: Any) -> Any:
+        calls.append(arguments)
+        return read(*arguments, **options)
+
+    monkeypatch.setattr(module, reader, counting)
+    _, draft = initialise("planar2", path, tmp_path / "out.toml")
+    assert len(calls) == 1
+    (question,) = [text for text in draft.questions if "where the log has 50 positions" in text]
+    assert len(question) < 200

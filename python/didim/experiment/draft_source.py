@@ -260,10 +260,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
     assert isinstance(data, ArrayFile)
     columns: list[Column] = []
     for name in data.names:
-        try:
-            shape = np.shape(data.array(name))
-        except Exception:  # text and structures of MATLAB
-            continue
+        shape = data.shape(name)
         if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
         kind = read_column(re.split(r"[/.]", name)[-1], robot.joint_names)

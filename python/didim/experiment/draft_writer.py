@@ -10,7 +10,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import quoted
-from .._tools.words import counted, one_line, series
+from .._tools.words import brief, counted, one_line, series
 from ..errors import RecordingError
 from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range
 from ..log.sampling import time_faults
@@ -327,7 +327,7 @@ class RecordingWriter:
         for kind in kinds:
             there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
-                return f", where the log has {counted(len(there), kind)} ({listed(there)}): is it of another robot"
+                return f", where the log has {counted(len(there), kind)} ({brief(listed(there))}): is it of another robot"
         return ""
 
     def _open_blocks(self) -> str:

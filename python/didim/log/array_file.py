@@ -24,7 +24,7 @@ MOST_SIGNALS = 100
 
 
 class ArrayFile(ABC):
-    """A file of named arrays. A format has two methods: `variables` and `array`.
+    """A file of named arrays. A format has two methods: `variables` and `array`; `shape` where it is known without reading.
 
     Parameters
     ----------
@@ -56,6 +56,13 @@ class ArrayFile(ABC):
     @abstractmethod
     def array(self, name: str) -> Any:
         """Array of one of these names, of real numbers."""
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of an array; empty for text, structures, and what cannot be read."""
+        try:
+            return np.shape(self.array(name))
+        except Exception:  # likewise
+            return ()
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
         """Check the names of columns; arrays are only read in `get`."""
@@ -160,6 +167,12 @@ def samples_in_columns(shape: tuple[int, ...]) -> bool:
     return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > MOST_SIGNALS
 
 
+MAT_NUMBERS = frozenset(
+    ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+)
+"""Classes of MATLAB's arrays of numbers."""
+
+
 class NpzFile(ArrayFile):
     """NumPy's npz."""
 
@@ -167,13 +180,13 @@ class NpzFile(ArrayFile):
 
     def variables(self) -> list[str]:
         """Names of the arrays."""
-        with open_npz(self.raw, self.name, RecordingError) as arrays:
-            return list(arrays.files)
+        # It stays open: reading the table of entries again for each of thousands would take minutes.
+        self._archive = open_npz(self.raw, self.name, RecordingError)
+        return list(self._archive.files)
 
     def array(self, name: str) -> Any:
         """Array of a name."""
-        with np.load(io.BytesIO(self.raw), allow_pickle=False) as arrays:
-            return arrays[name]
+        return self._archive[name]
 
 
 class MatFile(ArrayFile):
@@ -196,9 +209,10 @@ class MatFile(ArrayFile):
         # Integers may take one byte each. The shape of a sparse matrix exceeds its content.
         size = sum(8 * prod(shape) for _, shape, kind in entries if kind != "sparse")
         check_expanded(size, len(self.raw), self.name, RecordingError)
-        self._structures = {
-            str(name): self._load(str(name)) for name, _, kind in entries if kind == "struct" and name
-        }
+        structures = [str(name) for name, _, kind in entries if kind == "struct" and name]
+        loaded = self._loaded(structures) if structures else {}
+        self._structures = {name: loaded[name] for name in structures}
+        self._shapes = {str(name): tuple(shape) for name, shape, kind in entries if kind in MAT_NUMBERS}
         return [
             field
             for entry in entries
@@ -209,14 +223,17 @@ class MatFile(ArrayFile):
         """Return the variable of a name, or a field of a structure."""
         first, _, rest = name.partition(".")
         if first not in self._structures:
-            return self._load(name)
+            return self._loaded([name])[name]
         value = self._structures[first]
         for field in rest.split(".") if rest else ():
             value = value[field].flat[0]
         return value
 
-    def _load(self, name: str) -> Any:
-        return self._loaded([name])[name]
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a variable, as the file declares it, or of a structure's field."""
+        return (
+            super().shape(name) if name.partition(".")[0] in self._structures else self._shapes.get(name, ())
+        )
 
     def _loaded(self, names: list[str] | None = None) -> dict[str, Any]:
         from scipy.io import loadmat
