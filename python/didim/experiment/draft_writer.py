@@ -304,7 +304,8 @@ class RecordingWriter:
             )
             names = quoted(list(self.source.joints))
         else:
-            servo = "; or give --kp and --kv of servos (fit on positions)" if self._offers(wanted) else ""
+            servos = self._offers(wanted) and not blocks
+            servo = "; or give --kp and --kv of servos (fit on positions)" if servos else ""
             self._ask(
                 f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
                 f"or fill in [recording.{table}]{servo}"
@@ -327,7 +328,7 @@ class RecordingWriter:
         for kind in kinds:
             there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
-                return f", where the log has {counted(len(there), kind)} ({brief(listed(there))}): is it of another robot"
+                return f", where the log has {counted(len(there), kind)} ({brief(listed(there), 20)}): is it of another robot"
         return ""
 
     def _open_blocks(self) -> str:
