@@ -629,6 +629,8 @@ def test_what_a_simulation_cannot_do_without(tmp_path: Path) -> None:
     assert refused(FOURIER, PD, table("simulation", duration_s=5)) == (
         "arm: the reference starts at 0 s and ends at 2 s, before the run, at 5 s"
     )
+    sentence = refused(FOURIER, PD, table("simulation", rate_hz=1e6))
+    assert sentence.startswith("arm: 2 s at 1e+06 Hz are too many records: 1500000 are possible")
     assert "[simulation] start = 'measured' needs a recording" in refused(
         FOURIER, PD, table("simulation", start="measured")
     )

@@ -252,3 +252,9 @@ def test_numbers_whose_squares_are_infinite_have_figures_without_a_warning(tmp_p
     found = StudyResults.read(write(tmp_path / "rows.jsonl", truth("t", truth=[0.0]), *rows))
     assert found.figures[0].runs == 3
     assert str(found)
+
+
+def test_times_stand_beside_their_rows(tmp_path: Path) -> None:
+    assert times_path(tmp_path / "rows.csv") == tmp_path / "rows.times.csv"
+    assert times_path(tmp_path / "rows") == tmp_path / "rows.times.jsonl"
+    assert times_path(Path()) == Path(".times.jsonl")  # a folder, which is refused as an output

@@ -24,6 +24,9 @@ from .specs import ControllerSpec, ReferenceSpec
 
 LEAST_NOISE_SAMPLES = 50
 """Smallest number of samples of a window whose noise is estimated."""
+MOST_DECLARED = 3_000_000
+"""Largest number of recorded values per quantity of a run whose length the file declares: a few bytes then take most of a
+gigabyte. Recordings pay for their length themselves."""
 
 
 def closed_loop(
@@ -96,6 +99,11 @@ def closed_loop(
             memory=memory,
             integrator=settings.integrator,
         )
+        if recording is None and loop.n_records * loop.robot.n_dof > MOST_DECLARED:
+            raise ExperimentError(
+                f"{loop.t[-1]:g} s at {loop.rate_hz:g} Hz are too many records: {MOST_DECLARED // loop.robot.n_dof} are possible "
+                "for a run that follows no recording"
+            )
         if recording is not None:
             motion = measured_motion(recording, (start, stop), experiment.signal, loop.robot)
             loop = loop if motion is None else loop.along(motion)

@@ -38,7 +38,7 @@ NEAR_ZERO = 10.0
 NEAR_ZERO_MEASURED = 5.0
 """Bound of a velocity near zero, as a multiple of the smoothing velocity of friction, where the measured motion gives the
 speed."""
-MOST_RECORDS = 6_000_000
+MOST_RECORDS = 20_000_000
 """Largest number of recorded values per quantity, and of events of a run: more would exhaust memory, and indicate a wrong rate
 or step."""
 FINEST = 1e-4

@@ -60,7 +60,9 @@ class Rows:
 
 def times_path(path: Path) -> Path:
     """Return the file with the times of a file of rows."""
-    return path.with_name(f"{path.stem}.times{path.suffix or '.jsonl'}")
+    return (
+        path.parent / f"{path.stem}.times{path.suffix or '.jsonl'}"
+    )  # a path without a name is refused with the rows
 
 
 def read_rows(*paths: Path, appended: bool = False) -> Rows:
