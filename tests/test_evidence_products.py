@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim.evidence.hypotheses.geometry import with_geometry
+from didim.evidence.hypotheses.geometry import lengths, twists, with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.products import BLOCKS, REWEIGHTINGS, Products
 from didim.evidence.rows import ROWS, LogRows
+from didim.evidence.screen import Screen
 from didim.regression.linear_system import linear_system
 from didim.regression.selection import select
 from didim.robot.robot import Robot
@@ -119,6 +121,20 @@ def test_the_rougher_look_at_other_robots_and_positions(rows: LogRows) -> None:
     assert rows.rough(Hypothesis(code="x", robot=longer)) == pytest.approx(exact, rel=0.5)
     assert rows.rough(Hypothesis(code="x", robot=turned(rows.robot))) > 4.0
     assert rows.rough(Hypothesis(code="x", position=np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0]))) > 4.0
+
+
+@pytest.mark.parametrize("family", [twists, lengths])
+def test_the_rougher_look_needs_the_declared_base_columns_alone(
+    rows: LogRows, family: Callable[[LogRows], Iterator[Hypothesis]]
+) -> None:
+    """The other columns of a robot with another twist or length depend on them as well, up to the decimation."""
+    screen = rows.screened.screen
+    every = range(screen.exact.shape[2])
+    motion = [values.T for values in screen.motion]
+    whole = replace(rows.screened, screen=Screen(rows.robot, motion, screen.exact, every), _latest={})
+    for item in [*family(rows)][:4]:
+        few, all_of_them = np.log(rows.screened.ratios(item)), np.log(whole.ratios(item))
+        np.testing.assert_allclose(few, all_of_them, atol=0.3, rtol=0.02)
 
 
 def test_the_right_robot_for_a_wrong_file(experiment: didim.Experiment) -> None:

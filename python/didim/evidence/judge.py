@@ -171,7 +171,7 @@ def _along(
     if explicable and by_law_rows is not None and by_law is not None:
         findings = [item for item in findings if item.code != "friction"]
         findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
-    uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth)
+    uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth, measured.system)
     return fit, [*findings, *uncertain], uses
 
 

@@ -253,15 +253,17 @@ class Part:
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
-        return self.g.sum(axis=1), self.h.sum(axis=1)
+        one = self.g.shape[1] == 1
+        return (self.g[:, 0], self.h[:, 0]) if one else (self.g.sum(axis=1), self.h.sum(axis=1))
 
     def weights(self) -> Array:
         """Return one over the squared errors in sample, after a few solutions, (n,)."""
         (g, h), s = self._sums, self.s
+        flat = g.reshape(len(g), -1)
         v = 1.0 / np.maximum(self.y.sum(axis=1), np.finfo(float).tiny)
         for _ in range(REWEIGHTINGS):
-            beta = self._solved(np.tensordot(v * s * s, g, 1)[None], ((v * s) @ h)[None])[0]
-            v = 1.0 / self.squares(beta)
+            gram = ((v * s * s) @ flat).reshape(g.shape[1:])
+            v = 1.0 / self.squares(self._solved(gram[None], ((v * s) @ h)[None])[0])
         return np.asarray(v)
 
     def squares(self, beta: Array) -> Array:
@@ -279,8 +281,10 @@ class Part:
 
 def _ridged(gram: Array) -> Array:
     """Return products (..., p, p) that can be solved with."""
-    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)
-    return np.asarray(gram + ridge[..., None, None] * np.eye(gram.shape[-1]))
+    ridged = gram.copy()
+    diagonal = np.einsum("...pp->...p", ridged)
+    diagonal += RIDGE * diagonal.sum(axis=-1, keepdims=True)
+    return ridged
 
 
 def _above_rounding(error: Array, size: Array) -> Array:

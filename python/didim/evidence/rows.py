@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 ROWS = 300
 """Smallest number of rows per joint for a hypothesis, where the log has them; fewer than twice this number are used."""
 ROUGH_ROWS = 150
-"""Smallest number of rows per joint for the screening; fewer than twice this number are used."""
+"""Approximate number of rows per joint for the screening, where the log has them."""
 SAMPLES = 6000
 """Smallest number of samples for a hypothesis."""
 
@@ -102,6 +102,7 @@ class LogRows:
         self.origin: Mapping[str, Any] = recordings[0].origin if recordings else {}
         self.timed = all("time" in item.origin for item in recordings)
         self.parts = stretches(parts, samples_wanted(signal, parts))
+        self._log = parts
         self._thin = 1
         if system is not None and self.robot is robot and [*map(id, self.parts)] == [*map(id, parts)]:
             self.names, y = system.names, system.y.reshape(self.n, -1)
@@ -144,14 +145,16 @@ class LogRows:
     @cached_property
     def hopeless(self) -> bool:
         """Whether all that is left of the torques is about their white noise, so that no hypothesis can explain more."""
-        gain = [row_noise(self.signal, part.rate_hz)[0] * part.noise for part in self.parts]
-        share = self.y.shape[1] * np.median(gain, axis=0) ** 2 / self.declared_seen
+        noise = np.median(
+            [part.noise * row_noise(self.signal, part.rate_hz)[0] for part in self._log], axis=0
+        )
+        share = self.y.shape[1] * noise**2 / self.declared_seen
         return float(np.sum(np.log(np.minimum(1.0, np.maximum(share, 1e-9))))) > HINT
 
     @cached_property
     def screened(self) -> ScreenedRows:
         """Screening along the decimated motion."""
-        step = max(1, int(self.y.shape[1]) // ROUGH_ROWS)
+        step = max(1, round(self.y.shape[1] / ROUGH_ROWS))
         motion = [self.reduced([getattr(part, key) for part in self.parts])[:, ::step] for key in MOTION]
         return ScreenedRows(
             Screen(self.robot, motion, self._whole(step)),

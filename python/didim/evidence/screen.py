@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ from .._tools.arrays import Array
 from ..errors import DidimError, FitError
 from ..model.dynamics import friction_places, regressor
 from ..model.limbs import Limb
-from ..robot.robot import Robot
+from ..robot.robot import Geometry, Robot
 from .products import Products
 
 if TYPE_CHECKING:
@@ -46,37 +46,48 @@ class Screen:
         Positions, velocities and accelerations, decimated.
     exact : (n_dof, n_rows, m) array
         Columns of all its standard parameters as those of a fit.
+    base : sequence of int, optional
+        Parameters on whose columns those of the others depend, the base parameters by default.
     """
 
-    def __init__(self, robot: Robot, motion: Sequence[Array], exact: Array) -> None:
+    def __init__(
+        self, robot: Robot, motion: Sequence[Array], exact: Array, base: Sequence[int] | None = None
+    ) -> None:
         self.robot, self.exact = robot, exact
         self.motion = [np.ascontiguousarray(values.T) for values in motion]
-        self.friction = list(friction_places(robot))
+        self.base = list(robot.base_parameters.indices if base is None else base)
         self.smooth = _columns(robot, self.motion)
         self.correction = exact - self.smooth
 
     def of_robot(self, robot: Robot) -> Array:
         """Return the columns of another robot along the same motion, (n_dof, n_rows, m).
 
+        Only those of the declared base parameters, (n_dof, n_rows, b), where the others of that robot depend on them too.
+
         Raises
         ------
         DidimError
             For numbers that are too large.
         """
-        return _columns(robot, self.motion) + self.correction
+        w = _columns(robot, self.motion) + self.correction
+        return w[:, :, self.base] if _alike(robot.geometry, self.robot.geometry) else w
 
     def of_motion(self, position: Array, rate: float = 1.0) -> Array:
-        """Return the columns for positions ``A q``, A (n_dof, n_dof), at r times the rate; friction keeps its size."""
+        """Return base columns, (n_dof, n_rows, b), of positions ``A q``, A (n_dof, n_dof), at r times the rate.
+
+        Friction keeps its size.
+        """
         moved = [rate**k * np.ascontiguousarray(values @ position.T) for k, values in enumerate(self.motion)]
-        w = _columns(self.robot, moved)
-        after, smooth = w[:, :, self.friction], self.smooth[:, :, self.friction]
-        exact = self.exact[:, :, self.friction]
+        w = _columns(self.robot, moved)[:, :, self.base]
+        places = np.flatnonzero(np.isin(self.base, friction_places(self.robot)))
+        rubbing = [self.base[place] for place in places]
+        after, smooth, exact = w[:, :, places], self.smooth[:, :, rubbing], self.exact[:, :, rubbing]
         even, odd = (np.all(after == sign * smooth, axis=(0, 1)) for sign in (1.0, -1.0))
         # The error of the decimated motion is about the same where each joint keeps its direction.
         scale = np.diag(position)
         if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
-            w += self.correction
-        w[:, :, self.friction] = np.where(even, exact, np.where(odd, -exact, w[:, :, self.friction]))
+            w += self.correction[:, :, self.base]
+        w[:, :, places] = np.where(even, exact, np.where(odd, -exact, after))
         return w
 
 
@@ -100,6 +111,7 @@ class ScreenedRows:
     further: Array
     torque: Array
     given: Array | None
+    _latest: dict[tuple[object, ...], tuple[Hypothesis, Products]] = field(default_factory=dict)
 
     def of_limb(self, limb: Limb) -> ScreenedRows:
         """Return the rows of a limb."""
@@ -107,7 +119,12 @@ class ScreenedRows:
         motion = [values.T[at] for values in self.screen.motion]
         further = self.further[at]
         return ScreenedRows(
-            Screen(limb.robot, motion, self.screen.exact[np.ix_(at, rows, limb.indices)]),
+            Screen(
+                limb.robot,
+                motion,
+                self.screen.exact[np.ix_(at, rows, limb.indices)],
+                np.flatnonzero(np.isin(limb.indices, self.screen.base)).tolist(),
+            ),
             further[:, :, further.any(axis=(0, 1))],
             self.torque[at],
             None if self.given is None else self.given[limb.indices],
@@ -115,25 +132,49 @@ class ScreenedRows:
 
     def ratios(self, item: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n_dof,), in sample."""
-        n = len(self.torque)
-        try:
-            if item.robot is not None:
-                w = self.screen.of_robot(item.robot)
-            elif item.position is not None or item.rate != 1.0:
-                w = self.screen.of_motion(np.eye(n) if item.position is None else item.position, item.rate)
-            else:
-                w = self.screen.exact
-        except DidimError:
-            return np.full(n, math.inf)
-        w = w if item.torque is None else np.tensordot(item.torque, w, 1)
-        return self._products(w).seen(item.order, item.factors) / self._declared
+        key = id(item.robot), _bytes(item.position), item.rate, _bytes(item.torque)
+        if key not in self._latest:
+            self._latest.clear()
+            try:
+                self._latest[key] = item, self._products(self._moved(item), item.torque)
+            except DidimError:
+                return np.full(len(self.torque), math.inf)
+        return self._latest[key][1].seen(item.order, item.factors) / self._declared
+
+    def _moved(self, item: Hypothesis) -> Array:
+        if item.robot is not None:
+            return self.screen.of_robot(item.robot)
+        if item.position is None and item.rate == 1.0:
+            return self.screen.exact[:, :, self.screen.base]
+        return self.screen.of_motion(
+            np.eye(len(self.torque)) if item.position is None else item.position, item.rate
+        )
 
     @cached_property
     def _declared(self) -> Array:
-        return self._products(self.screen.exact).seen()
+        return self._products(self.screen.exact[:, :, self.screen.base]).seen()
 
-    def _products(self, w: Array) -> Products:
-        return Products.of(np.concatenate([w, self.further], axis=2), self.torque, 1, self.given)
+    def _products(self, w: Array, mixing: Array | None = None) -> Products:
+        w = w if mixing is None else np.tensordot(mixing, w, 1)
+        whole = w.shape[2] == self.screen.exact.shape[2]
+        given = self.given if self.given is None or whole else self.given[self.screen.base]
+        return Products.of(np.concatenate([w, self.further], axis=2), self.torque, 1, given)
+
+
+def _bytes(values: Array | None) -> bytes:
+    return b"" if values is None else values.tobytes()
+
+
+def _alike(geometry: Geometry, other: Geometry) -> bool:
+    """Whether lengths and twists differ by sizes and signs alone, which leaves the dependent columns dependent."""
+    return (
+        geometry.gravity == other.gravity
+        and np.array_equal(np.abs(geometry.alpha), np.abs(other.alpha))
+        and all(
+            np.array_equal(np.equal(getattr(geometry, key), 0.0), np.equal(getattr(other, key), 0.0))
+            for key in ("d", "r")
+        )
+    )
 
 
 def _columns(robot: Robot, motion: Sequence[Array]) -> Array:

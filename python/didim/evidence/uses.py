@@ -14,6 +14,7 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient, rms
 from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
+from ..regression.linear_system import LinearSystem
 from ..result.finding import Finding
 from ..result.identification import Identification
 from ..result.sentences import percent
@@ -109,6 +110,7 @@ def uses_of(
     residual: Residual,
     signal: SignalProcessing,
     growth: float,
+    system: LinearSystem | None = None,
 ) -> tuple[list[Use], list[Finding]]:
     """Return the error to expect in each use, and a finding where too little is identified for any.
 
@@ -124,6 +126,8 @@ def uses_of(
         Decimation.
     growth : float
         Error of blocks left out over that of the same blocks fitted.
+    system : LinearSystem, optional
+        The system (7) of `parts` with all base columns and no others.
     """
     states = Motions.like(parts)
     rest = np.zeros_like(states.dq)
@@ -154,7 +158,7 @@ def uses_of(
         Use("control", share, True, why),
         Use(
             "payload",
-            2.0 * payload_std(robot, parts, residual, signal),
+            2.0 * payload_std(robot, parts, residual, signal, system),
             True,
             "twice the standard deviation of a mass on the flange that a log like this one gives",
         ),
@@ -205,7 +209,11 @@ def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:
 
 
 def payload_std(
-    robot: Robot, parts: Sequence[Segment], residual: Residual, signal: SignalProcessing
+    robot: Robot,
+    parts: Sequence[Segment],
+    residual: Residual,
+    signal: SignalProcessing,
+    system: LinearSystem | None = None,
 ) -> float:
     """Return the standard deviation of a mass at the last frame that a log like this one gives (kg).
 
@@ -213,8 +221,11 @@ def payload_std(
     """
     unit = np.zeros(len(robot.parameter_names))
     unit[robot.parameter_names.index(f"M{robot.n_dof}")] = 1.0
-    torques = (inverse_dynamics(robot, part.q, part.dq, part.ddq, unit) for part in parts)
-    column = np.concatenate([row_values(torque, signal).T for torque in torques], axis=1)
+    if system is not None:
+        column = (system.w @ robot.base_parameters.project(unit)).reshape(robot.n_dof, -1)
+    else:
+        torques = (inverse_dynamics(robot, part.q, part.dq, part.ddq, unit) for part in parts)
+        column = np.concatenate([row_values(torque, signal).T for torque in torques], axis=1)
     # A joint without errors, such as one without torque, would have infinite weight.
     floor = ROUNDING**2 * float(np.max(residual.size)) ** 2
     if not floor > 0.0:

@@ -52,6 +52,7 @@ def white_noise(values: Array) -> Array:
     -----
     ``test_cloe.py`` checks it on the noise of a simulated log, ``test_noise.py`` on joints at rest.
     """
+    values = np.asfortranarray(values)  # numpy reduces contiguous columns several times as fast
     differences = np.abs(np.diff(values, 5, axis=0))
     # 252 is the sum of the squared binomials.
     spread = np.array([_median_moving(column) for column in differences.T]) / 0.6745 / math.sqrt(252.0)

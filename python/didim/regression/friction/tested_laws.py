@@ -83,7 +83,8 @@ def laws_to_test(
 
     def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
         if joints.any():
-            rows = decimated([value * joints for value in values], parts, signal)
+            own = values if joints.all() else [value * joints for value in values]
+            rows = decimated(own, parts, signal)
             # Transposed first, because numpy reduces rows of few columns slowly.
             largest = np.max([np.abs(value.T, order="C").max(axis=1) for value in values], axis=0)
             found.append(LawColumns(family, rows, largest))
