@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import didim
 from didim.errors import FitError, SimulationError
+from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import gravities, lengths
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.hypotheses.positions import exchanged, positions
@@ -503,7 +504,28 @@ def test_torques_exchanged_within_and_between_limbs(walker: tuple[Experiment, Ar
         )
 
 
-def test_a_hypothesis_on_a_limb_is_screened_there(walker: tuple[Experiment, Array]) -> None:
+@pytest.mark.parametrize(("i", "j"), [(0, 3), (2, 5)])
+@pytest.mark.parametrize("of_torques", [False, True])
+def test_positions_exchanged_between_limbs(
+    walker: tuple[Experiment, Array], i: int, j: int, of_torques: bool
+) -> None:
+    """Named with and without their torques, at a tenth of a milliradian of noise."""
+    log, _ = walker
+    order = list(range(6))
+    order[i], order[j] = j, i
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    q = recording.q + 1e-4 * np.random.default_rng(0).normal(size=recording.q.shape)
+    tau = recording.tau[:, order] if of_torques else recording.tau
+    job = didim.IDIMLS().job(replace(log, recordings=(replace(recording, q=q[:, order], tau=tau),)))
+    cause = Search(LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))).cause()
+    assert cause is not None
+    (tried,) = cause.tried
+    code = "swapped-joints" if of_torques else "swapped-positions"
+    assert (tried.hypothesis.code, tried.hypothesis.joints) == (code, (i + 1, j + 1))
+
+
+def test_a_hypothesis_on_limbs_is_screened_there(walker: tuple[Experiment, Array]) -> None:
     """As in the whole robot, whose other torques stay as they are."""
     log, _ = walker
     job = didim.IDIMLS().job(log)
@@ -514,10 +536,10 @@ def test_a_hypothesis_on_a_limb_is_screened_there(walker: tuple[Experiment, Arra
         for item in family(rows):
             concerned = [k for k, limb in enumerate(limbs) if item.within(limb, rows.robot) is not None]
             counts[len(concerned)] += 1
-            inside = {(joint - 1) // 2 for joint in item.joints}
-            assert concerned == (sorted(inside) if len(inside) == 1 else [])
+            inside = sorted({(joint - 1) // 2 for joint in item.joints})
+            assert concerned == (inside if len(inside) == 1 else [])
             found, whole = rows.rough_ratios(item), rows.screened.ratios(item)
-            own = [joint for k in concerned for joint in limbs[k].joints] or list(range(rows.n))
+            own = [joint for k in inside for joint in limbs[k].joints] or list(range(rows.n))
             np.testing.assert_allclose(found[own], whole[own], rtol=1e-6)
             assert np.all(np.delete(found, own) == 1.0)
             # The screening of the whole robot is approximate there too.

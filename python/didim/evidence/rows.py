@@ -16,7 +16,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import DidimError, FitError
 from ..log.recording import Recording
-from ..model.limbs import Limb, limbs_of
+from ..model.limbs import Limb, limb_of, links_with
 from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent
 from ..regression.jackknife import FEWEST_ROWS
@@ -120,6 +120,7 @@ class LogRows:
             raise FitError("the torque of a joint is zero in the whole log")
         self.products = Products.of(self.w, self.y, given=known)
         self.declared = self.products.judged()
+        self._screened_limbs: dict[tuple[int, ...], tuple[Limb, ScreenedRows]] = {}
 
     @property
     def n(self) -> int:
@@ -163,18 +164,18 @@ class LogRows:
             None if self.known is None else self.robot.base_parameters.lift(self.known),
         )
 
-    @cached_property
-    def _limbs(self) -> list[tuple[Limb, ScreenedRows]]:
-        limbs = limbs_of(self.robot)
-        return [(limb, self.screened.of_limb(limb)) for limb in limbs] if len(limbs) > 1 else []
-
     def rough(self, item: Hypothesis) -> float:
         """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""
         return float(np.sum(np.log(self.rough_ratios(item))))
 
     def rough_ratios(self, item: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n,), in sample."""
-        for limb, screened in self._limbs:
+        links = links_with(self.robot, (joint - 1 for joint in item.joints))
+        if 0 < len(links) < self.robot.n_joints:
+            if links not in self._screened_limbs:
+                limb = limb_of(self.robot, links)
+                self._screened_limbs[links] = limb, self.screened.of_limb(limb)
+            limb, screened = self._screened_limbs[links]
             own = item.within(limb, self.robot)
             if own is not None:  # the other limbs are as declared
                 ratios = np.ones(self.n)

@@ -8,6 +8,7 @@ respect to a parameter of each limb (Curtis, Powell and Reid, 1974): ``tests/tes
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -47,12 +48,18 @@ class Limb:
 
     def of(self, robot: Robot) -> Robot:
         """Return the same limb of a robot with the same joints."""
-        return _limb(robot, self.links).robot
+        return limb_of(robot, self.links).robot
 
 
 def limbs_of(robot: Robot) -> list[Limb]:
     """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
     return list(_limbs_of(robot))
+
+
+def links_with(robot: Robot, joints: Iterable[int]) -> tuple[int, ...]:
+    """Return the numbers of all joints of the limbs that have some of these joints, from 0."""
+    some = set(joints)
+    return tuple(sorted(link for limb in limbs_of(robot) if some & set(limb.links) for link in limb.links))
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -74,13 +81,13 @@ def _limbs_of(robot: Robot) -> tuple[Limb, ...]:
         for leader, _ in follower.leaders:
             merge(joint, leader)
     return tuple(
-        _limb(robot, tuple(joint for joint, other in enumerate(group) if other == first))
+        limb_of(robot, tuple(joint for joint, other in enumerate(group) if other == first))
         for first in dict.fromkeys(group)
     )
 
 
-def _limb(robot: Robot, joints: tuple[int, ...]) -> Limb:
-    """Return the limb of some joints, followers included, which have the last numbers here too."""
+def limb_of(robot: Robot, joints: tuple[int, ...]) -> Limb:
+    """Return the limb of some joints, or several side by side; followers included, which have the last numbers here too."""
     if len(joints) == robot.n_joints:
         return Limb("", joints[: robot.n_dof], joints, robot, np.arange(len(robot.parameter_names)))
     driven = tuple(joint for joint in joints if joint < robot.n_dof)
