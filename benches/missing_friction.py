@@ -223,8 +223,22 @@ def warm(given: argparse.Namespace) -> None:
         )
 
 
+def visible(log: didim.Experiment) -> list[float]:
+    """Load friction of each joint in its standard deviations, where every joint has the law: below 3 no choice is possible."""
+    terms = [FrictionTerm(law="load", joint=joint) for joint in range(log.robot.n_dof)]
+    fit = didim.identify(replace(log, robot=log.robot.with_terms(terms)), didim.IDIMLS())
+    return [
+        float(value / std)
+        for name, value, std in zip(fit.names, fit.beta, fit.std, strict=True)
+        if name[:2] == "Fl"
+    ]
+
+
 def choose(given: argparse.Namespace) -> None:
-    """Print at how many joints the law of the log is chosen, other terms, coverage, and widths over the true one."""
+    """Print at how many joints the law of the log is chosen, other terms, coverage, and widths over the true one.
+
+    Of load friction also: at how many it is above 3 standard deviations where it is given at every joint.
+    """
     print(
         f"{'':36}{'joints':>7}{'chosen':>9}{'others a joint':>16}{'95 % of parameters':>20}  width of memory / true"
     )
@@ -239,7 +253,7 @@ def choose(given: argparse.Namespace) -> None:
                 f"{key}{j + 1}": share * (1.0 if key == "Fl" else subject(arm).fc[j]) for j in range(n)
             }
         true_width = float(name.split()[-2]) if name.startswith("memory") else np.nan
-        right, others, inside, widths = [], [], [], []
+        right, others, inside, widths, sigmas = [], [], [], [], []
         for motion, seed in itertools.product(range(given.motions), range(given.seeds)):
             function, settings = CASES[name]
             log = logged(robot(arm), function, FIRST + motion, draw=seed, of=arm, **settings)
@@ -248,6 +262,7 @@ def choose(given: argparse.Namespace) -> None:
             kinds = {
                 ("curve" if one["law"] in ("atan", "stribeck") else one["law"], one["joint"]) for one in terms
             }
+            sigmas += visible(log) if law == "load" else []
             right += [not law or (law, joint) in kinds for joint in range(n)]
             others.append(sum(kind not in (law, "hold") for kind, _ in kinds) / n)
             widths += [one["velocity"] / true_width for one in terms if one["law"] == "dahl"]
@@ -260,8 +275,11 @@ def choose(given: argparse.Namespace) -> None:
                     if own and parameter in values and std > 0.0:
                         inside.append(abs(value - values[parameter]) <= factor * std)
         covered = f"{100 * np.mean(inside):.1f} %" if inside else "-"
+        clear = np.array(sigmas) > 3.0
         spread = (
-            f"{np.median(widths):.3f} ({np.min(widths):.2f} to {np.max(widths):.2f})"
+            f"chosen at {np.sum(clear & right)} of {np.sum(clear)} above 3 sigma"
+            if sigmas
+            else f"{np.median(widths):.3f} ({np.min(widths):.2f} to {np.max(widths):.2f})"
             if law == "dahl" and np.isfinite(true_width) and widths
             else ""
         )
