@@ -25,8 +25,9 @@ from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
 from didim.methods.didim.windows import simulated_all
 from didim.methods.job import Job
-from didim.methods.rounding import _rounded
+from didim.signal.filters import low_pass
 from didim.signal.processing import SignalProcessing
+from didim.signal.steps import smoothed
 from plain import stub
 
 Array = NDArray[np.float64]
@@ -150,20 +151,33 @@ def test_a_pivot_that_proves_an_information_regular(
     assert not eigenvalues if regular else eigenvalues
 
 
-def test_encoder_steps_are_put_on_a_motion_of_an_eighth_of_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motion_between_steps_is_sought_from_an_eighth_of_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
     cutoffs: list[float | None] = []
 
-    def low_pass(q: Array, rate_hz: float, signal: SignalProcessing) -> None:
+    def low_pass(q: Array, rate_hz: float, signal: SignalProcessing) -> Array:
         cutoffs.append(signal.cutoff_hz)
-        raise InterruptedError
+        return q
 
-    monkeypatch.setattr("didim.methods.rounding.low_pass", low_pass)
-    recording = stub(rate_hz=100.0, windows=[(0, 9)], measured_positions=lambda: np.zeros((9, 1)))
+    monkeypatch.setattr("didim.signal.steps.low_pass", low_pass)
     for cutoff in (24.0, None):  # half of the rate without one
-        job = stub(experiment=stub(recordings=[recording]), signal=SignalProcessing(cutoff_hz=cutoff))
-        with pytest.raises(InterruptedError):
-            _rounded(job, stub(recording=0, window=0), np.zeros(1), cast(Any, None), np.ones(1))
-    assert cutoffs == [3.0, 6.25]
+        smoothed(np.zeros((9, 1)), 100.0, SignalProcessing(cutoff_hz=cutoff), np.ones(1))
+    assert cutoffs == [3.0, 6.0, 12.0, 6.25, 12.5, 25.0]
+
+
+@pytest.mark.parametrize(
+    ("steps", "fast", "follows"),
+    [(56.0, 0.0, False), (64.0, 0.0, True), (300.0, 0.1, True), (300.0, 0.26, False)],
+)
+def test_motion_of_sixty_steps_that_loses_a_tenth_of_their_noise_is_smoothed(
+    steps: float, fast: float, follows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motion at 10 Hz is lost by the lowest low pass, which is the only one here beside that of the noise."""
+    monkeypatch.setattr("didim.signal.steps.DIVISORS", (8.0, 2.0))
+    t = np.arange(5000)[:, None] / 500.0
+    q = 0.5 * steps * np.sin(2.0 * np.pi * 1.03 * t) + fast * np.sin(2.0 * np.pi * 10.3 * t)
+    made = smoothed(np.round(q), 500.0, SignalProcessing(cutoff_hz=50.0), np.ones(1))
+    lowest = low_pass(np.round(q), 500.0, SignalProcessing(cutoff_hz=6.25))
+    assert (bool(made.follows[0]) and np.array_equal(made.q, lowest)) == follows
 
 
 @pytest.mark.parametrize(("cutoff_hz", "tried"), [(198.0, [198.0, 396.0]), (202.0, [202.0])])

@@ -3,7 +3,7 @@ r"""How far the steps of the encoders move an estimate along measured motion.
 Rounded positions bias velocities and accelerations in every stretch of a log, so neither the jackknife nor the test for missing
 friction sees it. A log like the measured one does, made along its smoothed motion with the estimate, once more rounded:
 
-    q_s = low pass of q,    tau_s = W(q_s) b,    W_r = W(filtered round(q_s)),    b_r - b = W_r^+ (tau_s - W_r b)
+    q_s = low pass of q,    tau_s = W(q_s) b,    W_r = W(filtered round(q_s + noise)),    b_r - b = W_r^+ (tau_s - W_r b)
 
 Tested in ``tests/test_rounding.py``.
 """
@@ -20,12 +20,10 @@ from ..model.dynamics import inverse_dynamics
 from ..regression.fit import Fit
 from ..regression.linear_system import linear_system, unit_columns
 from ..signal.align import align
-from ..signal.filters import derivatives, differentiate, low_pass
+from ..signal.filters import derivatives, differentiate
 from ..signal.segments import Segment, trimmed
+from ..signal.steps import between_steps, smoothed
 from .job import Delay, Job, shift
-
-SMOOTHER = 8.0
-"""Divisor of the cut-off for the smoothed motion. Steps of the log must not be left in it; 4 and 16 give the same shifts."""
 
 
 def rounding_shift(
@@ -88,15 +86,19 @@ def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Se
     """Return a window of the smoothed and rounded log, with the same samples as the measured one."""
     recording, signal = job.experiment.recordings[part.recording], job.signal
     rate = recording.rate_hz
-    cutoff = 0.5 * rate if signal.cutoff_hz is None else signal.cutoff_hz
-    smoother = replace(signal, cutoff_hz=cutoff / SMOOTHER, form="sections")
     start, stop = recording.windows[part.window]
-    smooth = derivatives(low_pass(recording.measured_positions()[start:stop], rate, smoother), rate, signal)
+    along = smoothed(recording.measured_positions()[start:stop], rate, signal, step)
+    smooth = derivatives(along.q, rate, signal)
     grid = np.where(step > 0.0, step, 1.0)
-    q = np.where(step > 0.0, np.round(smooth[0] / grid) * grid, smooth[0])
+    noise = along.noise * np.random.default_rng(0).standard_normal(along.q.shape)
+    q = np.where(step > 0.0, np.round((along.q + noise) / grid) * grid, along.q)
     warmth = () if recording.temperature is None else (recording.temperature[start:stop],)
     tau = inverse_dynamics(job.robot, *smooth, x, temperature=warmth[0] if warmth else None)
     # The torque is that of its sample, so it is cut with the motion instead of being moved.
-    (*motion, torque), _ = align((*differentiate(q, rate, signal), *warmth, tau), tau, shift(delay, rate))
+    (*motion, torque), _ = align(
+        (*differentiate(between_steps(q, rate, signal, step), rate, signal), *warmth, tau),
+        tau,
+        shift(delay, rate),
+    )
     made = trimmed(recording, part.place, signal, motion, torque)
     return replace(made, recording=part.recording, window=part.window)

@@ -18,9 +18,10 @@ from ..errors import FitError, SignalError
 from ..log.recording import Recording
 from .align import Shift, align
 from .filters import differentiate
-from .noise import white_noise
+from .noise import encoder_step, white_noise
 from .processing import SignalProcessing
 from .spikes import without_spikes
+from .steps import between_steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,14 +124,19 @@ def motion_of(
 ) -> tuple[Array, Array, Array]:
     """Filter a window, and return ``q dq ddq``; measured velocities replace differences of the positions.
 
+    Positions that lie on the grid of an encoder are first smoothed between its steps.
+
     Raises
     ------
     SignalError
         When the filter cannot be applied.
     """
     start, stop = window
-    dq = None if recording.dq is None else recording.dq[start:stop]
-    return differentiate(recording.measured_positions()[start:stop], recording.rate_hz, signal, dq)
+    every, rate = recording.measured_positions(), recording.rate_hz
+    if recording.dq is not None:
+        return differentiate(every[start:stop], rate, signal, recording.dq[start:stop])
+    smooth = between_steps(every[start:stop], rate, signal, encoder_step(every))
+    return differentiate(smooth, rate, signal)
 
 
 def trimmed(

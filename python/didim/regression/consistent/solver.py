@@ -227,12 +227,12 @@ def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, An
     """Return the relative errors of plain and constrained estimate, all joints together and per joint."""
     torque = system.norms(system.measured)
     size = float(np.linalg.norm(system.measured))
-    errors: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for key, estimate in (("plain", plain), ("constrained", solution)):
         error = system.y - system.w @ estimate
-        errors[f"{key}_relative_error"] = float(np.linalg.norm(error) / size) if size > 0.0 else None
+        found[f"{key}_relative_error"] = float(np.linalg.norm(error) / size) if size > 0.0 else None
         norms = system.norms(error)
-        errors[f"{key}_relative_errors"] = [
+        found[f"{key}_relative_errors"] = [
             float(norm / whole) if whole > 0.0 else None for norm, whole in zip(norms, torque, strict=True)
         ]
-    return errors
+    return found
