@@ -197,7 +197,7 @@ def _flags(run: Run, beta: Array, covariance: Array) -> tuple[Flag, ...]:
     if run.status.converged:
         return flags
     # Signs of unfinished iterations, without standard deviations, are not evidence.
-    return tuple(item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated)
+    return tuple(flag for flag in flags if np.isfinite(flag.sigmas) or not {*flag.parameters} & estimated)
 
 
 def _split(
@@ -215,13 +215,13 @@ def _split(
             rounding=uncertainty.rounding[:b],
             single_block={key: value for key, value in uncertainty.single_block.items() if key in names},
         )
-    used = {item.payload for item in job.experiment.recordings}
+    used = {recording.payload for recording in job.experiment.recordings}
     return uncertainty, Further(
         blocks=job.parameters.blocks,
         values=beta[b:],
         covariance=covariance,
         std_white=white,
-        payloads={name: item for name, item in job.experiment.payloads.items() if name in used},
+        payloads={name: recording for name, recording in job.experiment.payloads.items() if name in used},
         reference=job.parameters.reference,
     )
 
@@ -252,7 +252,7 @@ def fitted(
     )
     moved = drift_of(job, system, fit) if converged else []
     loads = load_findings(job, system, fit) if converged else []
-    drift = {"drift": [asdict(item) for item in moved]} if moved else {}
+    drift = {"drift": [asdict(difference) for difference in moved]} if moved else {}
     run = replace(
         run,
         settings={"solver": solver_record(job.solver_choice, fit), **drift, **run.settings},
@@ -298,16 +298,16 @@ def _with_model_errors(
 
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     """Return the differences of recordings that share offsets or friction."""
-    own = {key for item in job.experiment.recordings if item.role == "fit" for key in item.own}
+    own = {key for recording in job.experiment.recordings if recording.role == "fit" for key in recording.own}
     kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
         ("offset", "offsets"),
         ("friction", "friction"),
     )
     return [
-        item
+        recording
         for kind, key in kinds
         if key not in own
-        for item in differences(system, fit, kind, job.settings.blocks)
+        for recording in differences(system, fit, kind, job.settings.blocks)
     ]
 
 
@@ -318,14 +318,14 @@ def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
         Finding(
             code="drift",
             grade="doubtful",
-            joints=item.joints,
-            recordings=item.recordings,
-            value=item.worst.value,
-            deviation=item.worst.std,
+            joints=difference.joints,
+            recordings=difference.recordings,
+            value=difference.worst.value,
+            deviation=difference.worst.std,
             facts={
-                "of": item.kind,
-                "parameter": item.worst.parameter,
-                "recording": names[item.worst.recording],
+                "of": difference.kind,
+                "parameter": difference.worst.parameter,
+                "recording": names[difference.worst.recording],
                 "levels": [
                     {
                         "recording": names[level.recording],
@@ -333,11 +333,11 @@ def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
                         "share": level.value,
                         "std": level.std,
                     }
-                    for level in item.levels
+                    for level in difference.levels
                 ],
             },
         )
-        for item in drifts(moved, names)
+        for difference in drifts(moved, names)
     ]
 
 
@@ -347,7 +347,7 @@ def load_findings(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
         system.blocks[0].recording
     }:
         return []
-    names = [item.name for item in job.experiment.recordings]
+    names = [recording.name for recording in job.experiment.recordings]
     return [
         load_finding(load, f"beside the first recording '{names[number]}' {load}", names[number])
         for number, load in load_between(system, fit, job.robot, job.settings.blocks)
@@ -401,13 +401,13 @@ def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict
         "dropped": experiment.dropped,
         "recordings": [
             {
-                "name": item.name,
-                "role": item.role,
-                "rate_hz": item.rate_hz,
-                "windows": item.windows,
-                **item.origin,
+                "name": recording.name,
+                "role": recording.role,
+                "rate_hz": recording.rate_hz,
+                "windows": recording.windows,
+                **recording.origin,
             }
-            for item in experiment.recordings
+            for recording in experiment.recordings
         ],
         **more,
     }
@@ -432,7 +432,7 @@ def solved_status(fit: Fit) -> Status:
 
 def digests(experiment: Experiment) -> dict[str, str]:
     """Return the digests of all files of an experiment."""
-    found = dict(experiment.digests)
+    digests_of_fit = dict(experiment.digests)
     for recording in experiment.recordings:
-        found |= {f"data {file}": digest for file, digest in recording.digests.items()}
-    return found
+        digests_of_fit |= {f"data {file}": digest for file, digest in recording.digests.items()}
+    return digests_of_fit

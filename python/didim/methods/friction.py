@@ -44,8 +44,8 @@ class FoundFriction:
         """Return the record for a result's settings, as JSON data."""
         record: dict[str, Any] = {
             "velocities": [
-                {**asdict(item), "std": item.std if item.std == item.std else None}
-                for item in self.velocities
+                {**asdict(velocity), "std": velocity.std if velocity.std == velocity.std else None}
+                for velocity in self.velocities
             ]
         }
         if self.choice is not None:
@@ -81,18 +81,18 @@ class FoundFriction:
             ("displacements of friction that remembers (rad or m)", ("dahl",)),
         ):
             known = [
-                f"{item.velocity:.3g} +- {item.std:.1g} for {item.parameter}"
-                for item in self.velocities
-                if item.identified and item.law in laws
+                f"{velocity.velocity:.3g} +- {velocity.std:.1g} for {velocity.parameter}"
+                for velocity in self.velocities
+                if velocity.identified and velocity.law in laws
             ]
             if known:
                 sentences.append(f"{what}: {series(known, 140)}")
-        unknown = [item for item in self.velocities if not item.identified]
+        unknown = [velocity for velocity in self.velocities if not velocity.identified]
         if unknown:
-            names = series(item.parameter for item in unknown)
-            roots = self.choice is None and any(item.law == "atan" for item in unknown)
+            names = series(velocity.parameter for velocity in unknown)
+            roots = self.choice is None and any(velocity.law == "atan" for velocity in unknown)
             cure = "the square root of the speed replaces atan" if roots else "its deviation is not known"
-            what = "displacement" if all(item.law == "dahl" for item in unknown) else "velocity"
+            what = "displacement" if all(velocity.law == "dahl" for velocity in unknown) else "velocity"
             sentences.append(f"the log does not identify the {what} of {names}: {cure}")
         return sentences
 
@@ -142,8 +142,8 @@ def with_known_friction(
         return replace(experiment, robot=robot.with_terms(choice.friction.terms)), FoundFriction(
             choice.velocities, choice
         )
-    found = settled(robot, parts, job.signal, chosen, solved)
-    return replace(experiment, robot=found.robot), FoundFriction(found.velocities)
+    refined = settled(robot, parts, job.signal, chosen, solved)
+    return replace(experiment, robot=refined.robot), FoundFriction(refined.velocities)
 
 
 def _check_temperature(method: Method, experiment: Experiment) -> None:
@@ -160,15 +160,16 @@ def _check_temperature(method: Method, experiment: Experiment) -> None:
             f"{terms[0].parameter} depends on the temperature, and {method.name} simulates the robot at one: identify it by "
             "idim-ls, or leave it out of [friction]"
         )
-    fitted = [item for item in experiment.recordings if item.role == "fit"]
+    fitted = [recording for recording in experiment.recordings if recording.role == "fit"]
     for term in terms:
         recorded = []
-        for item in fitted:
-            if item.temperature is None:
+        for recording in fitted:
+            if recording.temperature is None:
                 raise FitError(
-                    f"recording '{item.name}' has no temperature, on which {term.parameter} depends: give [recording.temperature]"
+                    f"recording '{recording.name}' has no temperature, on which {term.parameter} depends: "
+                    "give [recording.temperature]"
                 )
-            recorded += [item.temperature[start:stop, term.joint] for start, stop in item.windows]
+            recorded += [recording.temperature[start:stop, term.joint] for start, stop in recording.windows]
         change = float(np.ptp(np.concatenate(recorded)))
         if change < LEAST_WARMING:
             raise FitError(

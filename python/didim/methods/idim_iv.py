@@ -97,15 +97,15 @@ def _with_diagnosis(fit: Identification, solved: Solved) -> Identification:
 def _sentences(diagnosis: Diagnosis, names: tuple[str, ...]) -> list[str]:
     strength = diagnosis.strength
     worst = int(np.argmax(strength))
-    found = [
+    sentences = [
         f"the simulated motion misses {100.0 * float(np.median(strength)):.2g} % of a column of W (median), at most "
         f"{100.0 * strength[worst]:.2g} % ({names[worst]})"
         + (": a weak instrument, whose estimate has a bias of its own" if strength[worst] > WEAK else "")
     ]
     if diagnosis.test is not None:
         test = diagnosis.test
-        found.append(
+        sentences.append(
             f"Durbin-Wu-Hausman test: F = {test.statistic:.3g} with {test.added} and {test.remaining} degrees of freedom, "
             f"p = {test.p_value:.2g} if the errors were white; the contrast with IDIM-LS does without that"
         )
-    return found
+    return sentences

@@ -93,7 +93,7 @@ def direct_estimate(
 
     `compensate_samples` is the delay of the other run.
     """
-    shared = {item.name for item in fields(MethodSettings)} - {"friction"} | {"weights", "reweightings"}
+    shared = {setting.name for setting in fields(MethodSettings)} - {"friction"} | {"weights", "reweightings"}
     settings: dict[str, Any] = {name: getattr(method, name, None) for name in shared}
     if compensate_samples is not None:
         settings["compensate_samples"] = compensate_samples

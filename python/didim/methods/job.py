@@ -117,9 +117,9 @@ class MeasuredRows:
 
     def along(self, job: Job, delay: Delay) -> bool:
         """Whether the windows are those of another job with a delay too."""
-        mine, other = self.job.experiment.recordings, job.experiment.recordings
+        own_recordings, other = self.job.experiment.recordings, job.experiment.recordings
         return (
-            [*map(id, mine)] == [*map(id, other)]
+            [*map(id, own_recordings)] == [*map(id, other)]
             and self.job.signal == job.signal
             and (self.delay.samples, self.delay.hold_s) == (delay.samples, delay.hold_s)
         )
@@ -150,14 +150,16 @@ class Job:
     def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
         """Return the filtered windows of a role's recordings, with compensation of a delay, given as an object or in samples."""
         recordings = [
-            (number, item) for number, item in enumerate(self.experiment.recordings) if item.role == role
+            (number, recording)
+            for number, recording in enumerate(self.experiment.recordings)
+            if recording.role == role
         ]
         if role == "fit" and not recordings:
             raise FitError(f"experiment '{self.experiment.name}' has no recording with role 'fit'")
         return [
             part
-            for number, item in recordings
-            for part in segments(item, self.signal, shift(delay, item.rate_hz), number=number)
+            for number, recording in recordings
+            for part in segments(recording, self.signal, shift(delay, recording.rate_hz), number=number)
         ]
 
     def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
@@ -185,9 +187,9 @@ class Job:
     @property
     def reduction(self) -> Array:
         """Return the reduction matrix of the motors with logged currents, (n_dof, n_dof): the identity for joint-side currents."""
-        drives = (item.drives for item in self.experiment.recordings if item.role == "fit")
-        found = next((item for item in drives if item is not None), None)
-        return np.eye(self.robot.n_dof) if found is None else np.array(found)
+        drives = (each.drives for each in self.experiment.recordings if each.role == "fit")
+        reduction = next((each for each in drives if each is not None), None)
+        return np.eye(self.robot.n_dof) if reduction is None else np.array(reduction)
 
     @property
     def declared_delay(self) -> Delay:
@@ -219,8 +221,8 @@ class Job:
     def estimate_delay(self) -> DelayEstimate:
         """Estimate the delay of the torque, with the cut-off that explains the log best."""
         cutoff = self.signal.cutoff_hz
-        rate = min(item.rate_hz for item in self.experiment.recordings)
-        found: list[tuple[float, DelayEstimate]] = []
+        rate = min(recording.rate_hz for recording in self.experiment.recordings)
+        estimates: list[tuple[float, DelayEstimate]] = []
         failure: FitError | SignalError | None = None
         moved: Moved = {}  # the torques are not filtered, so their rows do not depend on the cut-off
         for factor in CUTOFFS if cutoff is not None else (1.0,):
@@ -232,11 +234,11 @@ class Job:
             except (FitError, SignalError) as error:
                 failure = failure or error
                 continue
-            found.append((misfit, estimate))
-        if not found:
+            estimates.append((misfit, estimate))
+        if not estimates:
             assert failure is not None
             raise failure
-        return min(found, key=lambda item: item[0])[1]
+        return min(estimates, key=lambda estimate: estimate[0])[1]
 
     def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
         parameters = self.parameters
@@ -279,13 +281,13 @@ class Job:
 
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
         """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
-        found = []
+        by_recording = []
         for number, recording in enumerate(self.experiment.recordings):
             if recording.role != "held-out":
                 continue
             recording = recording.with_gains(beta[len(beta) - self.parameters.n_gains :])
             errors, torques, n_rows = self.predicted(recording, self.parameters.base(beta, number), delay)
-            found.append(
+            by_recording.append(
                 HeldOut(
                     name=recording.name,
                     relative_error=tuple(float(value) for value in ratios(errors, torques)),
@@ -293,7 +295,7 @@ class Job:
                     error_rms=tuple(float(value) for value in errors / np.sqrt(max(1, n_rows))),
                 )
             )
-        return found
+        return by_recording
 
 
 def shift(delay: Delay | Shift, rate_hz: float) -> Shift:

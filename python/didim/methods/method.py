@@ -230,5 +230,5 @@ class FitSettings(MethodSettings):
         """Return the settings, with plain least squares instead of a physical default if drive gains are unknown."""
         if self.solver is not None or self.physical is not None or not self.physical_by_default:
             return self
-        known = all(item.drives is None for item in experiment.recordings)
+        known = all(recording.drives is None for recording in experiment.recordings)
         return self if known else replace(self, physical=False)

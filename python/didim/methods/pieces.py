@@ -71,11 +71,11 @@ def fold_log(path: str | Path, *, rows: int = ROWS) -> Recursive:
     log = _Log(Path(path), rows)
     job = log.job
     recursive = Recursive(job.robot, fixed=job.fixed, dropped=job.dropped)
-    for piece, kept in log.pieces():
+    for piece, inside in log.pieces():
         (part,) = segments(piece, job.signal, shift(job.declared_delay, piece.rate_hz))
         system = linear_system(job.robot, [part], job.signal, select(job.robot, {}, ()))
         w = system.w.reshape(job.robot.n_dof, -1, system.w.shape[1]).transpose(1, 0, 2)
-        recursive.update_rows(w[kept], system.y.reshape(job.robot.n_dof, -1).T[kept])
+        recursive.update_rows(w[inside], system.y.reshape(job.robot.n_dof, -1).T[inside])
     return recursive
 
 
@@ -85,17 +85,17 @@ class _Log:
     def __init__(self, path: Path, rows: int) -> None:
         content = read_toml(path, ExperimentError)
         self._folder, self._rows, self._files = path.parent, rows, dict[str, TextRows]()
-        found = [
+        entries = [
             pair
-            for number, item in enumerate(content.get("recording", []))
-            if item.get("role", "fit") == "fit"
+            for number, entry in enumerate(content.get("recording", []))
+            if entry.get("role", "fit") == "fit"
             for pair in expanded(
-                Table(item, path.name, ExperimentError, keys=RECORDING),
+                Table(entry, path.name, ExperimentError, keys=RECORDING),
                 f"recording {number + 1}",
                 path.parent,
             )
         ]
-        self._tables = [{"name": title, **table.content_unread} for table, title in found]
+        self._tables = [{"name": title, **table.content_unread} for table, title in entries]
         for table in self._tables:
             sources = [table[key] for key in SOURCES if key in table]
             plain = all(
@@ -125,7 +125,7 @@ class _Log:
             delay = np.abs(shift(self.job.declared_delay, first.rate_hz)).max()
             overlap = _overlap(self.job.signal, first.rate_hz) + math.ceil(delay)
             for window in slices(whole, table.get("windows_s", []), first.rate_hz, count) or ((0, count),):
-                for start, stop, kept in _cuts(window, self.job.signal, overlap, self._rows):
+                for start, stop, inside in _cuts(window, self.job.signal, overlap, self._rows):
                     part = Table(
                         {**_without_windows(table), "rate_hz": first.rate_hz},
                         first.name,
@@ -133,7 +133,7 @@ class _Log:
                         keys=RECORDING,
                     )
                     folder = self._part(start, stop)
-                    yield read_recording(part, first.name, self.job.robot, self._reduction, folder), kept
+                    yield read_recording(part, first.name, self.job.robot, self._reduction, folder), inside
 
     def _part(self, start: int, stop: int) -> DataFolder:
         """Return the folder of the data files, as if they had these rows only."""

@@ -160,9 +160,9 @@ def spread_of_factors(
         return Spread(covariance, plain, remark, wide)
     left_out = [part.rows for part in parts]
     every = factors.jackknife(left_out)
-    found = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
-    decisive = found.decisive
-    variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))
+    chosen = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
+    decisive = chosen.decisive
+    variances = np.where(decisive < 0, np.diag(chosen.covariance), np.diag(covariance))
     m = len(parts)
     remarks = []
     if m < settings.blocks:
@@ -180,7 +180,7 @@ def spread_of_factors(
             degrees_of_freedom=m - 1.0,
             std_white=whole(white),
             blocks=tuple(TimeBlock(part.recording, part.window, part.start_s, part.stop_s) for part in parts),
-            deletions=whole(found.deletions),
+            deletions=whole(chosen.deletions),
             single_block={
                 name: int(block) for name, block in zip(names, decisive, strict=True) if block >= 0
             },
@@ -218,7 +218,7 @@ def with_exchanges(
     """Return a spread with the friction at speeds of joints whose parameters exchange; see `exchanges`."""
     if spread.uncertainty is None or len(spread.wide) != len(names) + len(spread.velocities):
         return spread
-    found = exchanges(
+    exchanged = exchanges(
         robot, parts, load, x[: len(robot.parameter_names)], names, spread.velocities, spread.wide
     )
-    return replace(spread, uncertainty=replace(spread.uncertainty, exchanges=found))
+    return replace(spread, uncertainty=replace(spread.uncertainty, exchanges=exchanged))

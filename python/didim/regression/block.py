@@ -70,26 +70,26 @@ def stacked(
     """
     places = [(0, window) for window in range(len(lengths))] if places is None else places
     rates = [1.0] * len(lengths) if rates_hz is None else rates_hz
-    found, start = [], 0
+    blocks, start = [], 0
     for joint in range(n_joints):
         for length, (recording, window), rate in zip(lengths, places, rates, strict=True):
             rows = slice(start, start + length)
-            found.append(Block(rows, joint, recording, window, rate, correlation))
+            blocks.append(Block(rows, joint, recording, window, rate, correlation))
             start += length
-    return tuple(found)
+    return tuple(blocks)
 
 
 def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
     """Return the blocks of each joint."""
-    found: dict[int, list[Block]] = {}
+    groups: dict[int, list[Block]] = {}
     for block in blocks:
-        found.setdefault(block.joint, []).append(block)
-    return [found[joint] for joint in sorted(found)]
+        groups.setdefault(block.joint, []).append(block)
+    return [groups[joint] for joint in sorted(groups)]
 
 
 def by_window(blocks: Iterable[Block]) -> list[list[Block]]:
     """Return the blocks of each window of each recording, which a jackknife leaves out together."""
-    found: dict[tuple[int, int], list[Block]] = {}
+    groups: dict[tuple[int, int], list[Block]] = {}
     for block in blocks:
-        found.setdefault((block.recording, block.window), []).append(block)
-    return [found[place] for place in sorted(found)]
+        groups.setdefault((block.recording, block.window), []).append(block)
+    return [groups[window] for window in sorted(groups)]

@@ -64,8 +64,8 @@ def covariance(
     variance = float(np.sum(weighted**2)) / settings.divisor(*system.w.shape)
     spread = np.zeros_like(inverse_r)
     for _, columns in system.parts:
-        place = np.ix_(columns, columns)
-        spread[place] = white(variance, inverse_r[place])
+        square = np.ix_(columns, columns)
+        spread[square] = white(variance, inverse_r[square])
     return spread
 
 
@@ -107,9 +107,9 @@ def _decimated(
     for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):
         columns, entries = q[joint]
         seen = entries.any(axis=0)
-        part, place = np.ascontiguousarray(entries[:, seen]), np.ix_(columns[seen], columns[seen])
-        plain[joint][place] = part.T @ part
-        coloured[joint][place] = part.T @ _correlated(part, blocks, rows.start)
+        part, square = np.ascontiguousarray(entries[:, seen]), np.ix_(columns[seen], columns[seen])
+        plain[joint][square] = part.T @ part
+        coloured[joint][square] = part.T @ _correlated(part, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
     sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
     # Expected squares of the residual of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.

@@ -202,8 +202,8 @@ class _Search:
     ) -> None:
         self.parts, self.signal, self.margin, self.moved = parts, signal, margin, moved
         self.inner = [_inner(part, margin) for part in parts]
-        found = observe(self.inner)
-        self.system, self.weights, self.solution = found.system, found.weights, found.solution
+        observed = observe(self.inner)
+        self.system, self.weights, self.solution = observed.system, observed.weights, observed.solution
         self.known = 0.0 if self.system.known is None else self.system.known
         self.w = self.system.w * self.weights[:, None]
         # One factorisation for all shifts, and for the columns of the delays beside these.
@@ -248,21 +248,21 @@ class _Search:
 
     def _moved(self, shift: Array) -> Array:
         """Return the decimated torques of the inner segments, moved back, rows joint by joint."""
-        found = []
+        windows = []
         for part in self.parts:
             n = part.q.shape[0]
             (index,), moved = align([np.arange(n, dtype=np.float64)], part.tau, tuple(shift.tolist()))
             first = self.margin - int(index[0])
-            found.append(row_values(moved[first : first + n - 2 * self.margin], self.signal).T)
-        return np.concatenate(found, axis=1).reshape(-1)
+            windows.append(row_values(moved[first : first + n - 2 * self.margin], self.signal).T)
+        return np.concatenate(windows, axis=1).reshape(-1)
 
     def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
         """Return the weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
         changes = (np.gradient(torque(part, solution), axis=0) for part in self.inner)
         slopes = np.concatenate([row_values(change, self.signal).T for change in changes], axis=1)
         columns = np.zeros((self.system.y.size, len(slopes)))
-        for joint, kept in enumerate(self.system.joints):
-            columns[kept, joint] = -slopes[joint]
+        for joint, rows in enumerate(self.system.joints):
+            columns[rows, joint] = -slopes[joint]
         return np.asarray(columns * self.weights[:, None])
 
     def refine(self, whole: float, torque: Callable[[Segment, Array], Array]) -> tuple[Array, Array]:
@@ -296,13 +296,13 @@ class _Search:
                 break
         self.misfit = float(
             sum(
-                (kept.stop - kept.start) * math.log(max(float(norm), 1e-300))
-                for kept, norm in zip(
+                (rows.stop - rows.start) * math.log(max(float(norm), 1e-300))
+                for rows, norm in zip(
                     self.system.joints, self.system.norms(residual / self.weights), strict=True
                 )
             )
         )
-        blocks = [item.rows for item in intervals(self.system.blocks)]
+        blocks = [interval.rows for interval in intervals(self.system.blocks)]
         spread = Factors(q, q, inverse, residual).jackknife(blocks).covariance[b:, b:]
         covariance = np.diag(np.full(n, np.inf))
         covariance[np.ix_(moving, moving)] = spread

@@ -121,22 +121,22 @@ def intervals(blocks: Sequence[Block], count: int = BLOCKS) -> list[Interval]:
     lengths = [rows[0].n_rows for rows in windows]
     seconds = [length / rows[0].rate_hz for length, rows in zip(lengths, windows, strict=True)]
     wanted = min(count, max(FEWEST_BLOCKS, sum(lengths) // FEWEST_ROWS))
-    found: list[Interval] = []
+    cut: list[Interval] = []
     for rows, length, number in zip(windows, lengths, _shares(lengths, seconds, wanted), strict=True):
         index = [np.arange(block.rows.start, block.rows.stop, block.rows.step or 1) for block in rows]
         edges = np.linspace(0, length, number + 1).round().astype(int)
-        place = rows[0]
-        found += [
+        window = rows[0]
+        cut += [
             Interval(
                 np.concatenate([joint[start:stop] for joint in index]),
-                place.recording,
-                place.window,
-                float(start / place.rate_hz),
-                float(stop / place.rate_hz),
+                window.recording,
+                window.window,
+                float(start / window.rate_hz),
+                float(stop / window.rate_hz),
             )
             for start, stop in pairwise(edges)
         ]
-    return found
+    return cut
 
 
 def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> list[int]:
@@ -273,12 +273,12 @@ class Branches:
         deletions, information = np.zeros((2, len(blocks), len(self.inverse)))
         leverage = 0.0
         for rows, columns, factors in self.parts:
-            place = np.full(len(self.residual), -1)
-            place[rows] = np.arange(len(rows))
-            own = [inside[inside >= 0] for inside in (place[block] for block in blocks)]
-            found = factors.jackknife(own)
-            deletions[:, columns], information[:, columns] = found.deletions, found.information
-            leverage = max(leverage, found.leverage)
+            index = np.full(len(self.residual), -1)
+            index[rows] = np.arange(len(rows))
+            own = [inside[inside >= 0] for inside in (index[block] for block in blocks)]
+            variances = factors.jackknife(own)
+            deletions[:, columns], information[:, columns] = variances.deletions, variances.information
+            leverage = max(leverage, variances.leverage)
         return Jackknife(deletions, information, leverage)
 
 

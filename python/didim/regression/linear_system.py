@@ -161,10 +161,10 @@ def observation(
             )
         )
     for name, joint, column in memory_columns(robot, part.q, part.dq, load, part.temperature):
-        place = robot.parameter_names.index(name)
-        if place in columns:
+        index = robot.parameter_names.index(name)
+        if index in columns:
             rows = len(w) // robot.n_dof
-            w[joint * rows : (joint + 1) * rows, columns.index(place)] += decimate(column[:, None], stages)[
+            w[joint * rows : (joint + 1) * rows, columns.index(index)] += decimate(column[:, None], stages)[
                 :, 0
             ]
     if not np.isfinite(w).all():

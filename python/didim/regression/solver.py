@@ -78,16 +78,16 @@ def solver_of(
     FitError
         For an unknown name.
     """
-    found = _loaded(choice)
-    if logs is not None and isinstance(found, LogsSolver):
-        return found.for_logs(logs, selection)
-    return found.for_robot(robot, selection) if isinstance(found, RobotSolver) else found
+    solver = _loaded(choice)
+    if logs is not None and isinstance(solver, LogsSolver):
+        return solver.for_logs(logs, selection)
+    return solver.for_robot(robot, selection) if isinstance(solver, RobotSolver) else solver
 
 
 def knows_logs(choice: SolverChoice) -> bool:
     """Whether a solver supports further parameters of logs, by its interface or because it is independent of parameters."""
-    found = _loaded(choice)
-    return isinstance(found, LogsSolver) or not isinstance(found, RobotSolver)
+    solver = _loaded(choice)
+    return isinstance(solver, LogsSolver) or not isinstance(solver, RobotSolver)
 
 
 def _loaded(choice: object) -> Solver | RobotSolver:
@@ -106,9 +106,9 @@ def solver_name(choice: SolverChoice) -> str:
     """Name of a solver for the record of a result."""
     if isinstance(choice, str):
         return choice
-    place = f"{getattr(choice, '__module__', '')}:{getattr(choice, '__qualname__', '')}"
+    spec = f"{getattr(choice, '__module__', '')}:{getattr(choice, '__qualname__', '')}"
     for name, known in SOLVERS.items():
-        if known is choice or known == place:
+        if known is choice or known == spec:
             return name
     own = getattr(choice, "name", None)
     return own if isinstance(own, str) else getattr(choice, "__name__", type(choice).__name__)

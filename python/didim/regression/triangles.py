@@ -55,8 +55,8 @@ class Triangles:
             factors = np.asarray(self.forgetting ** (0.5 * np.arange(n - 1, -1, -1)), dtype=np.float64)
         for joint in range(len(self._columns)):
             self._fold_one(joint, w[:, joint], y[:, joint], factors)
-        kept = self.forgetting**n
-        self.rows = kept * self.rows + (n if factors is None else float(np.sum(factors**2)))
+        memory = self.forgetting**n
+        self.rows = memory * self.rows + (n if factors is None else float(np.sum(factors**2)))
 
     def merge(self, other: Triangles) -> None:
         """Fold the rows of another object, like new rows."""
@@ -85,9 +85,9 @@ class Triangles:
 
     def system(self) -> list[tuple[Array, Array]]:
         """Return ``R_j`` over all columns, (k_j, n_columns), and ``z_j``, (k_j,), of each joint."""
-        found = []
+        systems = []
         for columns, triangle in zip(self._columns, self._triangles, strict=True):
             rows = np.zeros((len(triangle), self.n_columns))
             rows[:, columns] = triangle[:, :-1]
-            found.append((rows, triangle[:, -1].copy()))
-        return found
+            systems.append((rows, triangle[:, -1].copy()))
+        return systems

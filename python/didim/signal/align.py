@@ -53,10 +53,10 @@ class DelaySettings:
                 raise FitError(_wrong(value))
             return
         values: list[Any] = list(value) if isinstance(value, (Sequence, np.ndarray)) else [value]
-        if not values or not all(_number(item) for item in values):
+        if not values or not all(_number(one) for one in values):
             raise FitError(_wrong(value))
         if isinstance(value, (Sequence, np.ndarray)):
-            object.__setattr__(self, "compensate_samples", tuple(float(item) for item in values))
+            object.__setattr__(self, "compensate_samples", tuple(float(one) for one in values))
 
 
 def _number(value: object) -> bool:

@@ -87,11 +87,11 @@ def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) ->
         if n_samples <= needed:
             raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
         sos, zi = _decimation_filter(factor)
-        kept = -(-n_samples // factor)
+        left = -(-n_samples // factor)
         # MATLAB's grid ends at the last sample.
-        first = n_samples - factor * (kept - 1) - 1 if matlab else 0
+        first = n_samples - factor * (left - 1) - 1 if matlab else 0
         stages.append((sos, zi, padlen, factor, first))
-        n_samples = kept
+        n_samples = left
     return tuple(stages)
 
 

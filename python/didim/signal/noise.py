@@ -167,12 +167,12 @@ def smallest_step(values: Array, ranges: Array) -> Array:
     range are rounding.
     """
     steps = np.abs(np.diff(values, axis=0))
-    found = np.zeros(values.shape[1])
+    smallest = np.zeros(values.shape[1])
     for joint, (column, size) in enumerate(zip(steps.T, ranges, strict=True)):
         changes = column[column > CHANGE_ROUNDING * size]
         if changes.size and changes.size <= MOST_CHANGES * column.size:
-            found[joint] = changes.min()
-    return found
+            smallest[joint] = changes.min()
+    return smallest
 
 
 def noise_correlation(signal: SignalProcessing) -> Array | None:

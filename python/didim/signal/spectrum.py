@@ -24,13 +24,13 @@ BAND = 0.99
 
 def motion_band(recording: Recording) -> float:
     """Return the largest bandwidth of the joints' velocities (99 % of the power), in Hz, or 0."""
-    found = 0.0
+    band = 0.0
     for joint in range(recording.q.shape[1]):
         f, x, motion = spectrum(recording, joint)
         total = np.cumsum(motion * x**2)
         if total.size and total[-1] > 0.0:
-            found = max(found, float(f[np.searchsorted(total, BAND * total[-1])]))
-    return found
+            band = max(band, float(f[np.searchsorted(total, BAND * total[-1])]))
+    return band
 
 
 def contiguous_band(recording: Recording) -> float:
@@ -61,7 +61,7 @@ def contiguous_band(recording: Recording) -> float:
         return 0.0
     # Any, because scipy-stubs do not know all ways to detrend.
     options: dict[str, Any] = {"fs": recording.rate_hz, "nperseg": size, "detrend": "linear"}
-    found = 0.0
+    band = 0.0
     for joint in range(recording.q.shape[1]):
         steps = np.diff(recording.q[start:stop, joint])
         if not np.ptp(steps) > 0.0:
@@ -75,8 +75,8 @@ def contiguous_band(recording: Recording) -> float:
         end = largest + int(sunk[0]) if sunk.size else len(f)
         total = np.cumsum(np.maximum(power - noise, 0.0)[:end])
         if total.size and total[-1] > 0.0:
-            found = max(found, float(f[np.searchsorted(total, BAND * total[-1])]))
-    return found
+            band = max(band, float(f[np.searchsorted(total, BAND * total[-1])]))
+    return band
 
 
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:

@@ -100,9 +100,9 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
     An error s of one sample changes the bend of the signal by s there and by -s/2 on either side. A friction step does not: its
     neighbours lie on both sides of it.
     """
-    found = np.zeros(tau.shape, dtype=bool)
+    lone = np.zeros(tau.shape, dtype=bool)
     if len(tau) < WINDOW:
-        return found
+        return lone
     for joint, values in enumerate(np.ascontiguousarray(tau.T)):
         bends = np.zeros(values.shape)
         bends[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
@@ -115,8 +115,8 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
         before, inner, after = (bends[places + step] for step in (-1, 0, 1))
         opposite = (before * inner < 0.0) & (after * inner < 0.0)
         beside = np.minimum(np.abs(before), np.abs(after)) > 0.25 * np.abs(inner)
-        found[places[opposite & beside], joint] = True
-    return found
+        lone[places[opposite & beside], joint] = True
+    return lone
 
 
 def without_lone(tau: Array) -> Array:
@@ -124,6 +124,6 @@ def without_lone(tau: Array) -> Array:
     lone = alone(tau)
     if not lone.any():
         return tau
-    found = tau.copy()
-    found[1:-1][lone[1:-1]] = (0.5 * (tau[:-2] + tau[2:]))[lone[1:-1]]
-    return found
+    cleaned = tau.copy()
+    cleaned[1:-1][lone[1:-1]] = (0.5 * (tau[:-2] + tau[2:]))[lone[1:-1]]
+    return cleaned

@@ -56,7 +56,7 @@ class Checkpoint:
         """
         if self.path is None:
             return
-        records = [{**asdict(item), "more": dict(item.more)} for item in history]
+        records = [{**asdict(iteration), "more": dict(iteration.more)} for iteration in history]
         record = json.dumps({"problem": self.problem, "numbers": dict(numbers), "history": records})
         buffer = io.BytesIO()
         named: dict[str, Any] = {f"array_{name}": value for name, value in arrays.items()}
@@ -107,7 +107,11 @@ class Checkpoint:
                 "take it away, or name another file"
             )
         arrays = {key.removeprefix("array_"): values for key, values in named.items()}
-        return arrays, record["numbers"], [Iteration(**item) for item in record["history"]]
+        return (
+            arrays,
+            record["numbers"],
+            [Iteration(**record_of_iteration) for record_of_iteration in record["history"]],
+        )
 
 
 def _seal(record: str, arrays: Mapping[str, Any]) -> str:

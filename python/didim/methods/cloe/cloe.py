@@ -143,12 +143,12 @@ def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identif
 def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:
     """Return random points around the start, each moved towards it until M(q) is positive definite."""
     rng = np.random.default_rng(seed)
-    found = []
+    starts = []
     for _ in range(count):
         target = problem.start + START_SPREAD * problem.scale * rng.standard_normal(problem.start.size)
         share = problem.safe_share(problem.start, target)
-        found.append(problem.start + share * (target - problem.start))
-    return found
+        starts.append(problem.start + share * (target - problem.start))
+    return starts
 
 
 def _cost(fit: Identification) -> float:

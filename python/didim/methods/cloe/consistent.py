@@ -71,11 +71,11 @@ class ConsistentSteps:
         self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
     ) -> tuple[list[Array], float]:
         """Return a robot for each damping, and the share of the cost by which the linear model decreases with the least damping."""
-        found = self._robots(
+        robots = self._robots(
             self.point(candidate), errors, jacobian, damping * DAMPINGS, float(errors @ errors)
         )
-        left = jacobian.changed(errors, self.point(found[0]) - self.point(candidate))
-        return found, 1.0 - float(left @ left) / float(errors @ errors)
+        left = jacobian.changed(errors, self.point(robots[0]) - self.point(candidate))
+        return robots, 1.0 - float(left @ left) / float(errors @ errors)
 
     def _robots(
         self, point: Array, errors: Array, jacobian: Jacobian, dampings: Array, cost: float
@@ -85,13 +85,13 @@ class ConsistentSteps:
         triangle = jacobian.triangles(point, errors)
         size = np.sqrt(np.diag(jacobian.normal))
         size = np.where(size > 0.0, size, 1.0)
-        found = []
+        robots = []
         for damping in dampings:
             held = np.sqrt(damping) * size
             rows = np.vstack([triangle, np.column_stack([np.diag(held), held * point])])
             both = np.asarray(np.linalg.qr(scale * rows, mode="r"))
-            found.append(self.constrained.solve(both[:n, :n], both[:n, n]).x)
-        return found
+            robots.append(self.constrained.solve(both[:n, :n], both[:n, n]).x)
+        return robots
 
     def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
         """Whether the predicted or an accepted decrease is small: a failed step with a large prediction is not an optimum."""

@@ -25,7 +25,7 @@ Run = Callable[[Experiment, Reporter], Identification]
 
 def has_currents(experiment: Experiment) -> bool:
     """Return whether a fitted recording has currents with unknown drive gains."""
-    return any(item.drives is not None for item in experiment.recordings if item.role == "fit")
+    return any(recording.drives is not None for recording in experiment.recordings if recording.role == "fit")
 
 
 def run_with_held_gains(

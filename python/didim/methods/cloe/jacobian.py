@@ -133,18 +133,18 @@ class Jacobian:
 
     def changed(self, errors: Array, step: Array) -> Array:
         """Return ``e + G step``, (n_rows,)."""
-        found = errors.copy()
+        changed_errors = errors.copy()
         for part in self.parts:
-            found[part.rows] += part.slopes.T @ step[part.columns]
-        return found
+            changed_errors[part.rows] += part.slopes.T @ step[part.columns]
+        return changed_errors
 
     def triangles(self, point: Array, errors: Array) -> Array:
         """Return rows ``[R, z]`` with the normal equations of ``[G, G point - e]``, (n_parts + n, n + 1)."""
-        found = []
+        triangles = []
         for part in self.parts:
             right = part.slopes.T @ point[part.columns] - part.errors(errors)
             triangle = np.asarray(np.linalg.qr(np.column_stack([part.slopes.T, right]), mode="r"))
             rows: Array = np.zeros((len(triangle), len(point) + 1))
             rows[:, part.columns], rows[:, -1] = triangle[:, :-1], triangle[:, -1]
-            found.append(rows)
-        return np.vstack(found)
+            triangles.append(rows)
+        return np.vstack(triangles)

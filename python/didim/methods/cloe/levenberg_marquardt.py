@@ -365,11 +365,11 @@ def spread_at(
     blocks, correlated = problem.blocks(), list[int]()
     covariance, roots, factors = np.zeros_like(normal), np.zeros_like(normal), []
     for part, (size, values, vectors) in zip(jacobian.parts, scaled, strict=True):
-        own, place = part.errors(errors), np.ix_(part.columns, part.columns)
+        own, square = part.errors(errors), np.ix_(part.columns, part.columns)
         inverse = (vectors / values) @ vectors.T / np.outer(size, size)
-        covariance[place], lasting = autocorrelated(part.slopes.T, own, part.blocks(blocks), inverse)
+        covariance[square], lasting = autocorrelated(part.slopes.T, own, part.blocks(blocks), inverse)
         correlated += lasting
-        roots[place] = root = (vectors / np.sqrt(values)) / size[:, None]
+        roots[square] = root = (vectors / np.sqrt(values)) / size[:, None]
         q = part.slopes.T @ root
         factors.append((part.rows, part.columns, Factors(q, q, root, -own)))
     spread = spread_of_factors(

@@ -107,7 +107,7 @@ class OutputError:
         if good.any():
             x = self.standard(points[good])
             for window in self.windows:
-                found, _ = window.loop.costs(
+                costs, _ = window.loop.costs(
                     self.base.standard(x, window.recording),
                     window.q,
                     window.tau,
@@ -115,7 +115,7 @@ class OutputError:
                     weight_tau=self.weight_tau,
                     threads=self.method.threads,
                 )
-                total[good] += np.where(np.isnan(found), np.inf, found)
+                total[good] += np.where(np.isnan(costs), np.inf, costs)
         self.n_simulations += len(points)
         return total
 
@@ -141,15 +141,15 @@ class OutputError:
 
     def blocks(self) -> list[Block]:
         """Return the blocks of the rows: by output, window, sample and joint."""
-        found, place, n = [], 0, self.robot.n_dof
+        blocks, start, n = [], 0, self.robot.n_dof
         for window in self.windows:
             for weights in (self.weight_q, self.weight_tau):
                 if not weights.any():
                     continue
-                stop = place + window.q.size
-                found += [
+                stop = start + window.q.size
+                blocks += [
                     Block(
-                        slice(place + joint, stop, n),
+                        slice(start + joint, stop, n),
                         joint,
                         window.recording,
                         window.window,
@@ -157,8 +157,8 @@ class OutputError:
                     )
                     for joint in range(n)
                 ]
-                place = stop
-        return found
+                start = stop
+        return blocks
 
     def derivatives(self, point: Array, errors: Array) -> Jacobian:
         """Return derivatives of the weighted errors, by differences of parallel simulations."""
@@ -295,13 +295,13 @@ class OutputError:
             (q, _, _, tau), _ = window.loop.run(own[None], threads=self.method.threads)
             # The delay of the measured torque is compensated, and it is trimmed, as in the other methods.
             (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay.samples)
-            kept = kept_samples(len(torque), window.place, self.job.signal)
-            errors += np.sum((simulated - torque)[kept] ** 2, axis=0)
-            sizes += np.sum(torque[kept] ** 2, axis=0)
-            n_rows += torque[kept].size
+            inside = kept_samples(len(torque), window.place, self.job.signal)
+            errors += np.sum((simulated - torque)[inside] ** 2, axis=0)
+            sizes += np.sum(torque[inside] ** 2, axis=0)
+            n_rows += torque[inside].size
             cost += float(np.sum((q[0] - window.q) ** 2))
             positions.append(q[0])
-            pieces.append((window.q, q[0], torque[kept], simulated[kept]))
+            pieces.append((window.q, q[0], torque[inside], simulated[inside]))
         self.n_simulations += len(self.windows)
         run = Run(
             job=self.job,
@@ -348,7 +348,7 @@ def _windows(job: Job, output: Output) -> list[Window]:
             f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}: use output "
             "'position', or DIDIM"
         )
-    found = []
+    windows = []
     for number, recording in enumerate(experiment.recordings):
         if recording.role != "fit":
             continue
@@ -369,9 +369,9 @@ def _windows(job: Job, output: Output) -> list[Window]:
                 raise FitError(
                     f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
                 )
-            place = place_of(recording, (start, stop))
-            kept_samples(len(q), place, job.signal)  # before the search, not after it
-            found.append(Window(loop, q, tau, place, number, count))
-    if not found:
+            where = place_of(recording, (start, stop))
+            kept_samples(len(q), where, job.signal)  # before the search, not after it
+            windows.append(Window(loop, q, tau, where, number, count))
+    if not windows:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
-    return found
+    return windows

@@ -134,9 +134,9 @@ class SimplexSearch:
         edges = np.minimum(edges, problem.scale)
         for k in range(point.size):
             # Half of the largest step with M(q) positive definite, on the side with the larger one.
-            way = np.zeros_like(point)
-            way[k] = 2.0 * edges[k]
-            up, down = problem.safe_share(point, point + way), problem.safe_share(point, point - way)
+            towards = np.zeros_like(point)
+            towards[k] = 2.0 * edges[k]
+            up, down = problem.safe_share(point, point + towards), problem.safe_share(point, point - towards)
             edges[k] *= up if up >= down else -down
         edges[edges == 0.0] = 1e-3 * problem.scale[edges == 0.0]
         return edged_simplex(point, edges), np.abs(edges)
@@ -226,10 +226,10 @@ class SimplexSearch:
 
     def _continued(self) -> Simplex | None:
         """Return the state of an earlier run of the same search from its checkpoint, or None."""
-        found = self.checkpoint.load()
-        if found is None:
+        stored = self.checkpoint.load()
+        if stored is None:
             return None
-        arrays, numbers, self.history = found
+        arrays, numbers, self.history = stored
         self.unit, self.restarts, self.patient = arrays["unit"], numbers["restarts"], numbers["patient"]
         self.before = math.inf if numbers["before"] is None else numbers["before"]
         self.norms = arrays["norms"].tolist()

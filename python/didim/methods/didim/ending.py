@@ -82,19 +82,19 @@ def result_at(
 
 def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str]:
     """Return sentences on stuck joints, time steps and the reference."""
-    found, simulator = [], problem.simulator
+    sentences, simulator = [], problem.simulator
     if problem.stuck:
-        found.append(stuck_sentence(problem.stuck))
+        sentences.append(stuck_sentence(problem.stuck))
     if not simulator.steps_follow_rates:
         simulated = point.simulated
         fine, torque = simulator.finer(point.x, simulated), simulated.motions[0][3]
         error, size = rms(fine - torque), rms(fine)
         # With a wrong log no time step is small enough.
         if not suspected and not np.all(error <= LARGE_ERROR * size):
-            found.append(step_sentence(error, size))
+            sentences.append(step_sentence(error, size))
     if getattr(simulator.experiment.reference, "kind", "") == "measured":
-        found.append(
+        sentences.append(
             "the reference is the measured position, not the commanded one: the simulated robot follows it with an error that "
             "the real one did not have"
         )
-    return found
+    return sentences

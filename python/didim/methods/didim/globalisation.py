@@ -86,11 +86,11 @@ class SafeSteps:
             x = iterate.x + length * (target - iterate.x) if length < 1.0 else target
             # With "first" the scale is no longer needed; after a full step it would falsify known gains.
             updating = self.method.gain_updating == "always" and length < 1.0
-            found = self.simulator.simulate(x, self.simulator.gain_scale(x) if updating else None, checked)
-            if isinstance(found, Simulated):
-                return length, Iterate(x, found, iterate.iteration + 1)
-            ended = found
-            self.reporter.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            outcome = self.simulator.simulate(x, self.simulator.gain_scale(x) if updating else None, checked)
+            if isinstance(outcome, Simulated):
+                return length, Iterate(x, outcome, iterate.iteration + 1)
+            ended = outcome
+            self.reporter.say(f"with a step of {length:.3g} the simulation {outcome}; half of it")
             length *= 0.5
         return 0.0, ended
 
@@ -135,13 +135,13 @@ class SecantSteps:
         ended: Outcome | None = None
         for _ in range(FEWER_HALVINGS + 1):
             x = iterate.x + length * (solved.target - iterate.x) if length < 1.0 else solved.target
-            found = self.simulator.simulate(x)
-            if isinstance(found, Outcome):
-                ended = found
-                self.reporter.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            outcome = self.simulator.simulate(x)
+            if isinstance(outcome, Outcome):
+                ended = outcome
+                self.reporter.say(f"with a step of {length:.3g} the simulation {outcome}; half of it")
             else:
-                after = self._cost(found, weights)
-                tried.append((after, length, Iterate(x, found, iterate.iteration + 1)))
+                after = self._cost(outcome, weights)
+                tried.append((after, length, Iterate(x, outcome, iterate.iteration + 1)))
                 # The first motion may have used other gains, so its cost is not comparable.
                 free = iterate.simulated.scale is not None or moved <= self.method.sigma_fraction
                 if free or after <= RISE * cost:
@@ -150,13 +150,13 @@ class SecantSteps:
         if not tried:
             assert ended is not None
             return 0.0, ended
-        _, length, chosen = min(tried, key=lambda item: item[0])
+        _, length, chosen = min(tried, key=lambda trial: trial[0])
         self.simulator.choose_steps(chosen.x)
         return length, chosen
 
-    def _cost(self, found: Simulated, weights: Array) -> float:
+    def _cost(self, simulated: Simulated, weights: Array) -> float:
         squares, count = 0.0, 0
-        for window, motion in zip(self.simulator.windows, found.motions, strict=True):
+        for window, motion in zip(self.simulator.windows, simulated.motions, strict=True):
             squares += float(np.sum(((window.tau - motion[3]) * weights) ** 2))
             count += window.tau.size
         return squares / count

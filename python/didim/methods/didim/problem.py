@@ -160,17 +160,17 @@ class Problem:
         job = self.job
         try:
             fit = self.solution(system)
-            kept: tuple[int, ...] = ()
+            unidentified: tuple[int, ...] = ()
         except RankError as reason:
             self._blame_log()
             values = self.base.project(iterate.x)[job.selection.estimated]
-            fit, kept = solve_partly(system, self.solution, values, reason.columns)
-            self.stuck[iterate.iteration] = listing([system.names[column] for column in kept])
+            fit, unidentified = solve_partly(system, self.solution, values, reason.columns)
+            self.stuck[iterate.iteration] = listing([system.names[column] for column in unidentified])
         target = fit.standard
         if target is None:
             target = self.base.lift(job.selection.expand(fit.solution))
         std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
-        return Solved(system, fit, target, std, kept)
+        return Solved(system, fit, target, std, unidentified)
 
     def _blame_log(self) -> None:
         """Raise the error on the log, if its measured motion does not identify all parameters either."""

@@ -55,8 +55,8 @@ def response_to(system: LinearSystem, fit: Fit, rows: Rows, base: Array, directi
     if not size > 0.0:
         return None
     length = DIFFERENCE * noise_of(fit) / size
-    found = rows([length * direction])
-    return None if found is None else (found[0] - base) / length
+    row_change = rows([length * direction])
+    return None if row_change is None else (row_change[0] - base) / length
 
 
 def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> float | None:
@@ -77,10 +77,10 @@ def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> floa
     if abs(np.diag(triangle)).min() < 1.0 / LARGEST_CONDITION:
         return None
     direction = np.linalg.solve(triangle, signs * random) / size
-    found = response_to(system, fit, rows, base, direction)
-    if found is None:
+    row_change = response_to(system, fit, rows, base, direction)
+    if row_change is None:
         return None
-    moved = q.T @ ((found - system.w @ direction) * fit.weights)
+    moved = q.T @ ((row_change - system.w @ direction) * fit.weights)
     return float(np.linalg.norm(moved))
 
 
@@ -125,12 +125,12 @@ class Response:
         lengths = DIFFERENCE * noise_of(fit) / sizes
         acts = np.array([system.w[joint].any(axis=0) for joint in system.joints])
         directions = Directions.of(robot, acts)
-        found = rows(list(directions.changes(lengths)))
-        if found is None:
+        row_change = rows(list(directions.changes(lengths)))
+        if row_change is None:
             return None
         slopes = np.column_stack(
             [
-                (found[number] - base) / length
+                (row_change[number] - base) / length
                 for number, length in zip(directions.number, lengths, strict=True)
             ]
         )

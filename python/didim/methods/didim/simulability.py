@@ -115,8 +115,8 @@ def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Arra
 
 def largest_rates(robot: Robot, each: Array, q: Array, damping: Array) -> tuple[float, Array]:
     """Return the largest of the `rates` of several robots, standard parameters (m, p), one per recording."""
-    found = [rates(robot, x, q, damping) for x in each]
-    return max(slow for slow, _ in found), np.asarray(np.max([fast for _, fast in found], axis=0))
+    all_rates = [rates(robot, x, q, damping) for x in each]
+    return max(slow for slow, _ in all_rates), np.asarray(np.max([fast for _, fast in all_rates], axis=0))
 
 
 def _sum(drives: Drives, x: Array, terms: Terms) -> Array:

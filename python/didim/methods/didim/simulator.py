@@ -86,17 +86,17 @@ class LogSimulator:
             from concurrent.futures import ThreadPoolExecutor
 
             if core_threads() == 1:
-                found, fine = self.simulate(x, scale), self._with_half_steps(x, scale)
+                run, fine = self.simulate(x, scale), self._with_half_steps(x, scale)
             else:
                 with ThreadPoolExecutor(1) as other:
                     finer = other.submit(self._with_half_steps, x, scale)
-                    found = self.simulate(x, scale)
+                    run = self.simulate(x, scale)
                     fine = finer.result()
             self.n_simulations += 1
-            return found if isinstance(found, Outcome) else replace(found, finer=fine)
-        found, count = simulated(self.windows, x, scale)
+            return run if isinstance(run, Outcome) else replace(run, finer=fine)
+        run, count = simulated(self.windows, x, scale)
         self.n_simulations += count
-        return found
+        return run
 
     def finer(self, x: Array, simulated: Simulated) -> Array:
         """Return the torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
@@ -213,7 +213,7 @@ class RateSimulator(LogSimulator):
     def experiment_at(self, x: Array) -> Experiment:
         """Return the experiment with time steps for the rates of an iterate."""
         settings = self.experiment.simulation
-        fitted = [k for k, item in enumerate(self.experiment.recordings) if item.role == "fit"]
+        fitted = [k for k, recording in enumerate(self.experiment.recordings) if recording.role == "fit"]
         robots = np.unique([self.job.parameters.standard(x, number) for number in fitted], axis=0)
         coarse, fine = chosen_steps(*largest_rates(self.job.robot, robots, self.q, self.damping), settings)
         return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
@@ -246,7 +246,9 @@ class RateSimulator(LogSimulator):
 def with_positions(experiment: Experiment) -> Experiment:
     """Return an experiment in which the reference replaces positions that were not measured."""
     recordings = [
-        item if item.has_positions else replace(item, q=np.asarray(item.q_ref), has_positions=True)
-        for item in experiment.recordings
+        recording
+        if recording.has_positions
+        else replace(recording, q=np.asarray(recording.q_ref), has_positions=True)
+        for recording in experiment.recordings
     ]
     return replace(experiment, recordings=tuple(recordings))

@@ -122,7 +122,7 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
         Without a recording to fit, without torques, or when trimming leaves nothing of a window.
     """
     experiment = job.experiment
-    found = []
+    windows = []
     for number, recording in enumerate(experiment.recordings):
         if recording.role != "fit":
             continue
@@ -135,25 +135,25 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
             samples = np.arange(stop - start, dtype=np.float64)[:, None]
             shift = delay.measured(recording.rate_hz) if held else delay.samples
             (index,), tau = align([samples], without_spikes(torque[start:stop], job.signal), shift)
-            place = place_of(recording, (start, stop))
-            kept = kept_samples(len(tau), place, job.signal)
+            where = place_of(recording, (start, stop))
+            inside = kept_samples(len(tau), where, job.signal)
             first = int(index[0, 0])
-            found.append(
+            windows.append(
                 Window(
                     loop=loop,
                     name=recording.name,
-                    place=place,
+                    place=where,
                     recording=number,
                     window=window,
-                    tau=np.ascontiguousarray(tau[kept]),
-                    kept=slice(first + kept.start, first + kept.stop),
+                    tau=np.ascontiguousarray(tau[inside]),
+                    kept=slice(first + inside.start, first + inside.stop),
                     parameters=job.parameters,
                     drives=None if recording.drives is None else np.array(recording.drives),
                 )
             )
-    if not found:
+    if not windows:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
-    return found
+    return windows
 
 
 def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple[Simulated | Outcome, int]:
@@ -171,15 +171,15 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
 
 def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> list[Simulated | Outcome]:
     """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
-    found: list[Simulated | Outcome] = []
+    results: list[Simulated | Outcome] = []
     for first in range(0, len(candidates), ABREAST):
         some = candidates[first : first + ABREAST]
         runs = [window.loop.run(np.stack([window.standard(x) for x in some])) for window in windows]
         for k in range(len(some)):
             ended = [outcomes[k] for _, outcomes in runs if not outcomes[k].completed]
             motions = [_motion(window, arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
-            found.append(ended[0] if ended else of_motions(windows, some[k], motions, None))
-    return found
+            results.append(ended[0] if ended else of_motions(windows, some[k], motions, None))
+    return results
 
 
 def _motion(window: Window, arrays: Sequence[Array], candidate: int) -> tuple[Array, Array, Array, Array]:

@@ -170,12 +170,12 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     projected, size = left.T @ a, np.linalg.norm(a, axis=0)
     added = _rest_norms(a, left, projected)
     # For a column within the span of the instruments the difference is rounding.
-    kept = added > DEPENDENT_INSTRUMENT * size
+    independent = added > DEPENDENT_INSTRUMENT * size
     scale = np.where(size > 0.0, size, 1.0)
     # R of [W, V, Y], a slice of rows at a time.
-    triangle = np.zeros((0, a.shape[1] + int(kept.sum()) + 1))
+    triangle = np.zeros((0, a.shape[1] + int(independent.sum()) + 1))
     for rows in _rows_at_once(len(a)):
-        rest = (a[rows] - left[rows] @ projected)[:, kept] / added[kept]
+        rest = (a[rows] - left[rows] @ projected)[:, independent] / added[independent]
         part = np.column_stack([a[rows] / scale, rest, y[rows]])
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, part]), mode="r"))
     both, target = triangle[:, :-1], triangle[:, -1]
@@ -245,25 +245,25 @@ def solve_with_instruments(
     """
     check_solvable(system)
     weights = np.ones(system.y.size)
-    found = _determined(system, weights)
-    residual = system.y - system.w @ found.solution
+    solution = _determined(system, weights)
+    residual = system.y - system.w @ solution.solution
     for _ in range(1, settings.solutions):
         weights = per_row(system, 1.0 / joint_sigma(system, residual))
-        del found  # it is as large as both matrices
-        found = _determined(system, weights)
-        residual = system.y - system.w @ found.solution
+        del solution  # it is as large as both matrices
+        solution = _determined(system, weights)
+        residual = system.y - system.w @ solution.solution
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
-        spread = decimated(system, settings, found.left, weighted, found.inverse)
+        spread = decimated(system, settings, solution.left, weighted, solution.inverse)
     else:
-        spread = white(float(weighted @ weighted) / settings.divisor(*system.w.shape), found.inverse)
+        spread = white(float(weighted @ weighted) / settings.divisor(*system.w.shape), solution.inverse)
     return Fit(
-        solution=found.solution,
+        solution=solution.solution,
         covariance=spread,
         residual=residual,
         weights=weights,
         condition_number=float(np.linalg.cond(system.w)),
-        factors=Factors(found.left, found.right, found.inverse, weighted),
+        factors=Factors(solution.left, solution.right, solution.inverse, weighted),
     )
 
 
@@ -285,8 +285,8 @@ def _determined(system: LinearSystem, weights: Array) -> Instrumented:
     z = system.instruments
     if z is None:
         raise FitError("the linear system has no instruments")
-    found = instrumented(system.w, z, system.y, weights)
-    if found is None:
+    solution = instrumented(system.w, z, system.y, weights)
+    if solution is None:
         dependent = _core.least_squares(
             np.ascontiguousarray(z * weights[:, None]), system.y * weights
         ).dependent
@@ -295,4 +295,4 @@ def _determined(system: LinearSystem, weights: Array) -> Instrumented:
             "loop is not that of the log; check the controller and the reference",
             tuple(column for column, _ in dependent),
         )
-    return found
+    return solution

@@ -111,9 +111,11 @@ def reweighted(
             scale[joint] = max(NORMAL_MAD * float(np.median(np.abs(residual[rows]))), floors[joint], 1e-300)
             weights[rows] = psi_weights(residual[rows] / scale[joint], loss, constant)
             root[rows] = np.sqrt(weights[rows]) / scale[joint]
-        found = np.linalg.lstsq((w / columns) * root[:, None], y * root, rcond=None)[0] / columns
-        change = float(np.max(np.abs(found - x) * columns)) / max(float(np.linalg.norm(w @ found)), 1e-300)
-        x = found
+        solution = np.linalg.lstsq((w / columns) * root[:, None], y * root, rcond=None)[0] / columns
+        change = float(np.max(np.abs(solution - x) * columns)) / max(
+            float(np.linalg.norm(w @ solution)), 1e-300
+        )
+        x = solution
         if change <= SETTLED_ESTIMATE:
             return RobustSolution(x, weights, scale, number, True)
     return RobustSolution(x, weights, scale, MOST_REWEIGHTINGS, False)

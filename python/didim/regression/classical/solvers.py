@@ -50,18 +50,18 @@ class Robust:
         first = solve(system, settings, progress)
         if first.stopped:
             return first
-        found = reweighted(
+        solution = reweighted(
             system.w, system.y, system.joints, first.solution, loss=self.loss, constant=self.constant
         )
-        weights = per_row(system, 1.0 / found.scale) * np.sqrt(found.weights)
-        residual = system.y - system.w @ found.solution
-        fit = with_weights(system, settings, first, found.solution, weights)
-        low = float(np.mean(found.weights < 0.5))
+        weights = per_row(system, 1.0 / solution.scale) * np.sqrt(solution.weights)
+        residual = system.y - system.w @ solution.solution
+        fit = with_weights(system, settings, first, solution.solution, weights)
+        low = float(np.mean(solution.weights < 0.5))
         return replace(
             fit,
             residual=residual,
-            converged=found.converged,
-            record={"loss": self.loss, "iterations": found.iterations, "rows_below_half_weight": low},
+            converged=solution.converged,
+            record={"loss": self.loss, "iterations": solution.iterations, "rows_below_half_weight": low},
         )
 
 
@@ -107,8 +107,8 @@ class Ridge:
             strength, _ = chosen_strength(
                 a, y, [part.rows for part in intervals(system.blocks, settings.blocks)]
             )
-        found = ridge(a, y, strength)
-        residual = system.y - system.w @ found
+        solution = ridge(a, y, strength)
+        residual = system.y - system.w @ solution
         # With (R^T R) = A^T A + k D^2 the deletions are those of the penalised problem.
         drawn = np.vstack([a, np.diag(np.sqrt(strength) * np.linalg.norm(a, axis=0))])
         inverse = np.linalg.inv(np.linalg.qr(drawn, mode="r"))
@@ -118,7 +118,7 @@ class Ridge:
         spread = variance * np.asarray(inverse @ gram @ inverse.T)
         return replace(
             first,
-            solution=found,
+            solution=solution,
             covariance=spread,
             residual=residual,
             factors=Factors(q, q, inverse, residual * first.weights),

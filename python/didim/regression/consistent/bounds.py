@@ -79,16 +79,16 @@ class Bounds:
                 raise FitError(
                     f"robot {robot.name!r} has no link {link}: its links are 1 to {robot.n_joints}"
                 )
-        places, found = places_of(robot), []
+        places, cones = places_of(robot), []
         for link, span in self.masses.items():
-            found += _between(places, f"mass of link {link}", [f"M{link}"], span)
+            cones += _between(places, f"mass of link {link}", [f"M{link}"], span)
         if self.total_mass is not None:
             masses = [f"M{link}" for link in range(1, robot.n_joints + 1)]
-            found += _between(places, "total mass", masses, self.total_mass)
+            cones += _between(places, "total mass", masses, self.total_mass)
         for link, box in self.centres.items():
             for axis, (low, high) in zip("XYZ", box, strict=True):
                 label, moment, mass = f"centre of link {link}", f"M{axis}{link}", f"M{link}"
-                found += [
+                cones += [
                     cone(places, label, {moment: 1.0, mass: -low}),
                     cone(places, label, {moment: -1.0, mass: high}),
                 ]
@@ -96,10 +96,10 @@ class Bounds:
         for link, (centre, radii) in self.ellipsoids.items():
             body = bodies[link - 1]
             values = np.tensordot(body.basis, _ellipsoid(np.asarray(centre), np.asarray(radii)), 2)
-            found.append(
+            cones.append(
                 Cone(f"ellipsoid of link {link}", body.indices, values[:, None, None], np.zeros((1, 1)))
             )
-        return found
+        return cones
 
 
 def _check_span(what: str, span: Span) -> None:

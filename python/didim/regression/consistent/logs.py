@@ -37,7 +37,7 @@ def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) ->
     drives : sequence of Cone
         Conditions of the robot on rotors and friction, with the weights that each recording with friction of its own repeats.
     """
-    found = [
+    conditions = [
         _payload(logs, block, places, gamma)
         for block, places in logs.slices()
         if block.kind == "payload" and block.complete
@@ -48,12 +48,12 @@ def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) ->
             own = logs.columns[recording].copy()
             own[:, [k for k in range(own.shape[1]) if not places.start <= k < places.stop]] = 0.0
             changed = set(np.flatnonzero(own.any(axis=1)).tolist())
-            found += [
+            conditions += [
                 replace(_moved(cone, own), label=f"{cone.label} of recording '{block.owner}'")
                 for cone in drives
                 if changed & set(cone.indices)
             ]
-    return found
+    return conditions
 
 
 def log_start(logs: LogParameters) -> Array:

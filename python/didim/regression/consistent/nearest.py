@@ -146,7 +146,7 @@ def nearest_robot(
         noise /= np.sqrt(random.chisquare(freedom, (draws, 1)) / freedom)
         shrink = (freedom - 2.0) / freedom
     # Two threads; the result does not depend on them.
-    drawn = np.array([item.x for item in problem.solve_many(root, right + noise, 2)])
+    drawn = np.array([draw.x for draw in problem.solve_many(root, right + noise, 2)])
     spread = np.sqrt(shrink) * drawn.std(axis=0, ddof=1)
     others = []
     for factor in OTHER_PRIORS:

@@ -68,11 +68,11 @@ class Prior:
             x[places[f"Ia{j}"]] = inertia
         for j in range(robot.n_dof + 1, robot.n_joints + 1):
             x[places[f"Ia{j}"]] = 1.0
-        for name, place in places.items():
+        for name, index in places.items():
             if name.startswith(("Fvm", "Fcm")):
-                x[place] = 0.1
+                x[index] = 0.1
             elif name.startswith(("Fv", "Fc")):
-                x[place] = 1.0
+                x[index] = 1.0
         for term in robot.friction.terms:
             if term.law not in FREE:
                 x[places[term.parameter]] = 0.1
@@ -106,13 +106,13 @@ def generic_prior(
 
 def _way(geometry: Geometry, joint: int) -> float:
     """Return the sum of the lengths from the base to a frame (m)."""
-    found = 0.0
+    way_length = 0.0
     for j in carriers(geometry.parents, joint):
-        found += abs(geometry.d[j]) + abs(geometry.r[j])
+        way_length += abs(geometry.d[j]) + abs(geometry.r[j])
         if geometry.mounts:
             mount = geometry.mounts[j]
-            found += abs(mount.b) + math.hypot(*mount.shift)
-    return found
+            way_length += abs(mount.b) + math.hypot(*mount.shift)
+    return way_length
 
 
 def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:
@@ -120,7 +120,7 @@ def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) 
     x = one.parameters(robot)
     inertial = [name.rstrip("0123456789") in INERTIAL for name in robot.parameter_names]
     whole = robot.base_parameters.matrix
-    own = [place for place in selection.estimated if place < len(whole)]
+    own = [index for index in selection.estimated if index < len(whole)]
     # The further parameters of logs follow those of the robot.
     w, further = system.w[:, : len(own)], system.w[:, len(own) :]
     matrix = whole[own]

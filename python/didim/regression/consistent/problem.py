@@ -143,9 +143,9 @@ class ConstrainedProblem:
         if self.simulability is not None:
             wanted = self.simulability
             rates = 1.0 + np.asarray(wanted.damping) + 1.0 / np.asarray(wanted.smoothing)
-            for place, name in enumerate(self.robot.parameter_names):
+            for index, name in enumerate(self.robot.parameter_names):
                 if name.startswith("Ia"):
-                    x[place] *= 1.0 + 10.0 * wanted.step_s / wanted.rate * float(rates.max())
+                    x[index] *= 1.0 + 10.0 * wanted.step_s / wanted.rate * float(rates.max())
         return x if self.logs is None else np.append(x, log_start(self.logs))
 
     @cached_property
@@ -220,7 +220,7 @@ class ConstrainedProblem:
     def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
         p, b = len(self.unknowns), len(self.selection.roles)
         a = np.zeros((len(rows), p))
-        a[:, [p - b + place for place in self.selection.estimated]] = rows
+        a[:, [p - b + index for index in self.selection.estimated]] = rows
         base = _beside(self.robot.base_parameters.matrix, self._n_further)
         start = np.append(self.start[self._regrouped], base @ self.start)
         try:
@@ -229,19 +229,19 @@ class ConstrainedProblem:
             raise FitError(f"robot {self.robot.name!r}: {reason}") from None
 
     def _found(self, solved: _core.ConsistentSolutions, rows: Array, right: Array) -> list[Constrained]:
-        found = []
-        for u, z, (ending, place), iterations in zip(
+        solutions = []
+        for u, z, (ending, point), iterations in zip(
             solved.x, right, solved.endings, solved.iterations, strict=True
         ):
-            if place is not None:
+            if point is not None:
                 raise FitError(
-                    f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[place].label} contradicts "
+                    f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[point].label} contradicts "
                     "the others, or the parameters that are fixed or dropped"
                 )
             x = self.unknowns @ u
             error = rows @ (self.matrix @ x) - z
-            found.append(Constrained(x, 0.5 * float(error @ error), ending, iterations))
-        return found
+            solutions.append(Constrained(x, 0.5 * float(error @ error), ending, iterations))
+        return solutions
 
     def covariance(self, rows: Array, x: Array) -> Array:
         """Return the covariance of the standard parameters by the curvature of log and prior at ``x``, (p, p).
@@ -249,7 +249,7 @@ class ConstrainedProblem:
         It is large for a parameter determined only by a weak prior, even if noise hardly moves that parameter.
         """
         p, b = len(x), len(self.selection.roles)
-        free = [*range(p - b), *(p - b + place for place in self.selection.estimated)]
+        free = [*range(p - b), *(p - b + index for index in self.selection.estimated)]
         columns = self.unknowns[:, free]
         curvature = columns.T @ self.marginal(x) @ columns
         curvature[p - b :, p - b :] += rows.T @ rows
@@ -278,10 +278,10 @@ class ConstrainedProblem:
 def _beside(matrix: Array, count: int) -> Array:
     """Return a matrix extended by the identity for further parameters."""
     rows, columns = matrix.shape
-    found = np.eye(rows + count, columns + count, columns - rows)
-    found[:rows, :] = 0.0
-    found[:rows, :columns] = matrix
-    return found
+    identity = np.eye(rows + count, columns + count, columns - rows)
+    identity[:rows, :] = 0.0
+    identity[:rows, :columns] = matrix
+    return identity
 
 
 def _drawn(condition: Cone, weight: float) -> Cone:

@@ -227,12 +227,12 @@ def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, An
     """Return the relative errors of plain and constrained estimate, all joints together and per joint."""
     torque = system.norms(system.measured)
     size = float(np.linalg.norm(system.measured))
-    found: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
     for key, estimate in (("plain", plain), ("constrained", solution)):
         error = system.y - system.w @ estimate
-        found[f"{key}_relative_error"] = float(np.linalg.norm(error) / size) if size > 0.0 else None
+        errors[f"{key}_relative_error"] = float(np.linalg.norm(error) / size) if size > 0.0 else None
         norms = system.norms(error)
-        found[f"{key}_relative_errors"] = [
+        errors[f"{key}_relative_errors"] = [
             float(norm / whole) if whole > 0.0 else None for norm, whole in zip(norms, torque, strict=True)
         ]
-    return found
+    return errors

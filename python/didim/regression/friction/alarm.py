@@ -118,10 +118,10 @@ class _Limb:
 
     def weighted(self, columns: Array) -> Array:
         """Return one weighted column of W per joint, zero in the rows of the other joints."""
-        found = np.zeros((len(self.joints), len(columns), len(self.joints)))
-        for place, joint in enumerate(self.joints):
-            found[place, :, place] = columns[:, joint]
-        return found.reshape(-1, len(self.joints)) * self.weights[:, None]
+        weighted = np.zeros((len(self.joints), len(columns), len(self.joints)))
+        for index, joint in enumerate(self.joints):
+            weighted[index, :, index] = columns[:, joint]
+        return weighted.reshape(-1, len(self.joints)) * self.weights[:, None]
 
     def freed_of(self, errors: Sequence[Array]) -> Array:
         """Return Q with one more column for each joint of each error of the torques, decimated, (n_rows, n_dof)."""
@@ -133,12 +133,12 @@ class _Limb:
 
     def own(self, blocks: Sequence[Rows]) -> list[Rows]:
         """Return the rows of blocks of the system that are the limb's, as numbers from its first."""
-        found = []
+        columns = []
         for rows in blocks:
             places = np.searchsorted(self.rows, rows)
             there = self.rows[np.minimum(places, len(self.rows) - 1)] == rows
-            found.append(places[there])
-        return found
+            columns.append(places[there])
+        return columns
 
 
 def friction_alarm(
@@ -190,7 +190,7 @@ def friction_alarm(
     n = robot.n_dof
     step = np.zeros(n) if encoder_step is None else encoder_step
     candidates = laws_to_test(robot, parts, signal, load, step)
-    tested = tuple(dict.fromkeys(item.family for item in candidates))
+    tested = tuple(dict.fromkeys(candidate.family for candidate in candidates))
     limbs = _limbs(system, fit)
     p_value = np.ones(n)
     visible = {family: np.zeros(n) for family in tested}
@@ -199,26 +199,28 @@ def friction_alarm(
     errors = [decimated(values, parts, signal) for values in sampling_errors]
     for limb in limbs:
         known = limb.freed_of(errors)
-        free = [_freed(known, limb.weighted(item.columns)) for item in candidates]
+        free = [_freed(known, limb.weighted(candidate.columns)) for candidate in candidates]
         stretches = limb.own(time)
-        for place, joint in enumerate(limb.joints):
+        for index, joint in enumerate(limb.joints):
             blocks = (stretches, limb.own(_between_reversals(system, speeds, joint)))
             if min(map(len, blocks)) < FEWEST_BLOCKS:
                 continue
             own = [
-                (item, columns[:, place])
-                for item, columns in zip(candidates, free, strict=True)
-                if columns[:, place].any()
+                (candidate, columns[:, index])
+                for candidate, columns in zip(candidates, free, strict=True)
+                if columns[:, index].any()
             ]
             probability, amplitudes = _joint_test(own, limb.rho, blocks)
             p_value[joint] = min(1.0, n * probability)
-            for item, amplitude in amplitudes:
-                seen = visible[item.family]
-                seen[joint] = max(seen[joint], amplitude * item.amplitude[joint])
+            for candidate, amplitude in amplitudes:
+                seen = visible[candidate.family]
+                seen[joint] = max(seen[joint], amplitude * candidate.amplitude[joint])
     raised = bool((p_value < LEVEL).any())
     moved: dict[str, tuple[float, Array]] = {}
     if raised:
-        moved = _shifts(candidates, [item.start(parts, signal) for item in candidates], limbs, system)
+        moved = _shifts(
+            candidates, [candidate.start(parts, signal) for candidate in candidates], limbs, system
+        )
     b = system.w.shape[1]
     changes = [np.abs(change[:b]) for _, change in moved.values()]
     return FrictionAlarm(
@@ -243,7 +245,7 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
     # At the estimate all velocities are the best: their columns have no share of the torque.
     best = np.zeros(n)
     best[:b] = np.linalg.lstsq(products[:b, :b], torques[:b], rcond=None)[0]
-    found = []
+    shifts = []
     for k, (name, column) in enumerate(system.alternatives):
         used = np.array(
             [index for index, key in enumerate(names) if key != name] + ([n + k] if column.any() else [])
@@ -252,13 +254,13 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
         shared = used < n
         changed = best.copy()
         changed[used[shared]] = solution[shared]
-        found.append(np.abs((changed - best) / size[:n])[:b])
-    return found
+        shifts.append(np.abs((changed - best) / size[:n])[:b])
+    return shifts
 
 
 def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
     """Return the independent parts of a system: the joints of different legs of one trunk share no column."""
-    found = []
+    limbs = []
     starts = [rows.start for rows in system.joints]
     for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
         # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
@@ -266,7 +268,7 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
         w = np.column_stack([matrix, *slopes.values()]) * fit.weights[rows, None]
         unit, size = unit_columns(w)
         q, r = np.linalg.qr(unit)
-        found.append(
+        limbs.append(
             _Limb(
                 joints=tuple(int(joint) for joint in np.flatnonzero(np.isin(starts, rows))),
                 rows=rows,
@@ -278,7 +280,7 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
                 r=r,
             )
         )
-    return found
+    return limbs
 
 
 def _freed(q: Array, columns: Array) -> Array:
@@ -290,7 +292,7 @@ def _freed(q: Array, columns: Array) -> Array:
 
 def _between_reversals(system: LinearSystem, speeds: Array, joint: int) -> list[Rows]:
     """Return the rows of a joint between the reversals of its velocity, window by window."""
-    found: list[Rows] = []
+    stretches: list[Rows] = []
     first = system.joints[joint].start
     for block in system.joint_blocks[joint]:
         start, stop = block.rows.start, block.rows.stop
@@ -299,8 +301,8 @@ def _between_reversals(system: LinearSystem, speeds: Array, joint: int) -> list[
         for cut in [*(np.flatnonzero(np.diff(moving)) + 1).tolist(), stop - start]:
             if cut - edges[-1] >= FEWEST_ROWS or cut == stop - start:
                 edges.append(cut)
-        found += [np.arange(start + a, start + b) for a, b in pairwise(edges) if b > a]
-    return found
+        stretches += [np.arange(start + a, start + b) for a, b in pairwise(edges) if b > a]
+    return stretches
 
 
 def _joint_test(
@@ -310,7 +312,7 @@ def _joint_test(
     probability = 1.0
     amplitudes: list[tuple[LawColumns, float]] = []
     for memory, share in ((False, 1.0 - MEMORY_SHARE), (True, MEMORY_SHARE)):
-        group = [(item, column) for item, column in own if (item.family == "dahl") is memory]
+        group = [(law, column) for law, column in own if (law.family == "dahl") is memory]
         if not group:
             continue
         columns = np.stack([column for _, column in group], axis=1)
@@ -318,8 +320,8 @@ def _joint_test(
         probability = min(probability, max(map(_flipped, scores)) / share)
         spread = np.max([np.sqrt(np.sum(np.square(part), axis=0)) for part in scores], axis=0)
         amplitudes += [
-            (item, VISIBLE * float(deviation) / float(column @ column))
-            for (item, column), deviation in zip(group, spread, strict=True)
+            (law, VISIBLE * float(deviation) / float(column @ column))
+            for (law, column), deviation in zip(group, spread, strict=True)
         ]
     return probability, amplitudes
 
@@ -349,30 +351,30 @@ def _shifts(
     system: LinearSystem,
 ) -> dict[str, tuple[float, Array]]:
     """Return for each family its best criterion of Schwarz and the change of the estimate and the velocities with it."""
-    found: dict[str, tuple[float, Array]] = {}
+    best: dict[str, tuple[float, Array]] = {}
     n_rows = system.y.size / len(system.joints)
-    for item, start in zip(candidates, starts, strict=True):
+    for candidate, start in zip(candidates, starts, strict=True):
         criterion, count = 0.0, 0
         change = np.zeros(system.w.shape[1] + len(system.slopes))
         for limb in limbs:
-            used = limb.weighted(item.columns)
+            used = limb.weighted(candidate.columns)
             if start is not None:
                 used = np.hstack([used, limb.weighted(start)])
             seen = limb.q.T @ used
             free = used - limb.q @ seen
             size = np.linalg.norm(free, axis=0)
-            kept = size > ROUNDING * np.linalg.norm(used, axis=0)
+            independent = size > ROUNDING * np.linalg.norm(used, axis=0)
             left = limb.rho
-            if kept.any():
-                unit = free[:, kept] / size[kept]
+            if independent.any():
+                unit = free[:, independent] / size[independent]
                 # Products of unit columns: as many as columns, where the rows are thousands.
                 amount = np.linalg.lstsq(unit.T @ unit, unit.T @ limb.rho, rcond=None)[0]
                 left = left - unit @ amount
-                amount /= size[kept]
-                change[limb.columns] = -np.linalg.solve(limb.r, seen[:, kept] @ amount) / limb.size
+                amount /= size[independent]
+                change[limb.columns] = -np.linalg.solve(limb.r, seen[:, independent] @ amount) / limb.size
             squares = np.sum(np.square(left.reshape(len(limb.joints), -1)), axis=1)
-            criterion += n_rows * float(np.sum(np.log(squares))) + int(kept.sum()) * np.log(n_rows)
-            count += int(kept.sum())
-        if count and (item.family not in found or criterion < found[item.family][0]):
-            found[item.family] = (criterion, change)
-    return found
+            criterion += n_rows * float(np.sum(np.log(squares))) + int(independent.sum()) * np.log(n_rows)
+            count += int(independent.sum())
+        if count and (candidate.family not in best or criterion < best[candidate.family][0]):
+            best[candidate.family] = (criterion, change)
+    return best

@@ -84,7 +84,7 @@ def pool_of(
     x = trial.base_parameters.lift(beta)
     loads = [np.abs(rigid_torque(trial, part.q, part.dq, part.ddq, x)) for part in parts]
     now = [direction(plain, part.q, part.dq) for part in parts]
-    found: list[Candidate] = []
+    pool: list[Candidate] = []
     taken = {term.parameter for term in plain.friction.terms}
     for joint, kind in enumerate(plain.joint_kinds):
         held = [
@@ -95,12 +95,12 @@ def pool_of(
         offers, values = _offers(plain, joint, parts, signs, held, loads, float(narrowest[joint]))
         rows = decimated(values, parts, signal)
         can_hold = _coulomb(plain, joint, system)
-        found += [
+        pool += [
             Candidate(term=term, held=at_hold, column=rows[:, k])
             for k, (term, at_hold) in enumerate(offers)
             if term.parameter not in taken and (can_hold or not at_hold)
         ]
-    return found
+    return pool
 
 
 def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:

@@ -138,17 +138,17 @@ def choose_terms(
     trial = compared.settled
     moves = [replace(move, term=term) for move, term in zip(moves, compared.terms, strict=True)]
     doubtful = {move.term.parameter for move in moves if not move.clear}
-    kept = tuple(
+    chosen_terms = tuple(
         replace(term, doubtful=term.parameter in doubtful, rival=compared.rivals.get(term.parameter, 0.0))
         for term in _without_driving(trial.robot, trial.beta)
     )
-    added = {term.parameter for term in kept}
-    friction = replace(robot.friction, terms=kept, auto=False)
+    added = {term.parameter for term in chosen_terms}
+    friction = replace(robot.friction, terms=chosen_terms, auto=False)
     return FrictionChoice(
         friction=friction,
         velocities=(
             *start.velocities,
-            *(item for item in trial.velocities if item.parameter in added),
+            *(velocity for velocity in trial.velocities if velocity.parameter in added),
         ),
         gains=tuple(
             TermGain(parameter=move.term.parameter, gain=move.gain, significance=move.significance)

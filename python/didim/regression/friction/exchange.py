@@ -96,7 +96,7 @@ def exchanges(
         Covariance of the base parameters and the velocities.
     """
     std = np.sqrt(np.diag(covariance))
-    found = []
+    exchanged = []
     for term in robot.friction.terms:
         if term.law not in CURVED or term.parameter not in names:
             continue
@@ -117,7 +117,7 @@ def exchanges(
             continue
         typical = np.median(np.abs(np.concatenate(load)), axis=0)
         torques, stds = _curve(robot, term.joint, speeds, typical, x, (names, velocities), covariance)
-        found.append(
+        exchanged.append(
             Exchange(
                 joint=term.joint,
                 kind=robot.joint_kinds[term.joint],
@@ -129,7 +129,7 @@ def exchanges(
                 stds=tuple(stds.tolist()),
             )
         )
-    return tuple(found)
+    return tuple(exchanged)
 
 
 def _speeds(robot: Robot, joint: int, parts: Sequence[Segment]) -> Array:
@@ -179,7 +179,7 @@ def _columns(robot: Robot, joint: int, speeds: Array, load: Array) -> dict[str, 
     still = np.zeros_like(dq)
     w = _core.regressor(plain.core, still, dq, still, None, np.tile(load, (len(dq), 1)))[:, joint]
     half = 0.5 * (w[: len(speeds)] - w[len(speeds) :])
-    columns = {plain.parameter_names[place]: half[:, place] for place in friction_places(plain)}
+    columns = {plain.parameter_names[index]: half[:, index] for index in friction_places(plain)}
     for term in robot.friction.terms:
         if term.law == "dahl" and term.joint == joint:  # its state is the sign
             columns[term.parameter] = instantaneous(plain, dq[: len(speeds)])[:, joint]

@@ -49,8 +49,8 @@ def sampling_errors(
         By error and part (N.m or N, joint side): of velocities, of accelerations and velocities at a jump, of time, of holding,
         and, without a unit, of the turn of a ``sign``.
     """
-    found = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
-    return [list(error) for error in zip(*found, strict=True)]
+    errors = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
+    return [list(error) for error in zip(*errors, strict=True)]
 
 
 def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
@@ -70,6 +70,6 @@ def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
 
 def _curvature(values: Array) -> Array:
     """Return the second differences of signals, zero at both ends."""
-    found = np.zeros_like(values)
-    found[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    return found
+    curvature = np.zeros_like(values)
+    curvature[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return curvature

@@ -105,10 +105,10 @@ class Folds:
 def _recordings(system: LinearSystem) -> list[list[tuple[int, int]]]:
     """Return the rows of each recording within a joint, as ranges; nothing where there is only one."""
     first = system.joints[0].start
-    found: dict[int, list[tuple[int, int]]] = {}
+    windows: dict[int, list[tuple[int, int]]] = {}
     for block in system.joint_blocks[0]:
-        found.setdefault(block.recording, []).append((block.rows.start - first, block.rows.stop - first))
-    return list(found.values()) if len(found) > 1 else []
+        windows.setdefault(block.recording, []).append((block.rows.start - first, block.rows.stop - first))
+    return list(windows.values()) if len(windows) > 1 else []
 
 
 @dataclass
@@ -155,12 +155,14 @@ class Screen:
         self.memory = True
         self.n = len(system.names)
         self.coulomb = {
-            item.term.joint: system.names.index(f"Fc{item.term.joint + 1}")
-            for item in self.pool
-            if item.term.law == "hold"
+            candidate.term.joint: system.names.index(f"Fc{candidate.term.joint + 1}")
+            for candidate in self.pool
+            if candidate.term.law == "hold"
         }
         self.held_coulomb = {
-            item.term.joint: self.n + k for k, item in enumerate(self.pool) if item.term.law == "hold"
+            candidate.term.joint: self.n + k
+            for k, candidate in enumerate(self.pool)
+            if candidate.term.law == "hold"
         }
         folds = Folds(system)
         blocks, near = folds.blocks, folds.near
@@ -181,16 +183,16 @@ class Screen:
     ) -> list[Array]:
         """Multiply all columns over parts of the rows; a candidate is zero in the rows of other joints."""
         n, total = self.n, self.n + len(self.pool) + 1
-        found = [np.zeros((total, total)) for _ in parts]
+        products = [np.zeros((total, total)) for _ in parts]
         for joint, rows in enumerate(system.joints):
-            own = [k for k, item in enumerate(self.pool) if item.term.joint == joint]
+            own = [k for k, candidate in enumerate(self.pool) if candidate.term.joint == joint]
             columns = [system.w[rows], *(self.pool[k].column[:, None] for k in own), system.y[rows][:, None]]
             a = np.hstack(columns) * weights[rows][:, None]
             places = np.array([*range(n), *(n + k for k in own), total - 1])
-            for product, ranges in zip(found, parts, strict=True):
+            for product, ranges in zip(products, parts, strict=True):
                 for start, stop in ranges:
                     product[np.ix_(places, places)] += a[start:stop].T @ a[start:stop]
-        return found
+        return products
 
     def chosen(self) -> list[Move]:
         """Choose terms one after the other; with what the blocks would lose without each, the largest loss first."""
@@ -207,9 +209,9 @@ class Screen:
             self._worth(self.pool[self.held_coulomb[joint] - self.n].term, self._toggled(state, joint), state)
             for joint in sorted(state.holds)
         ]
-        for place in state.columns:
-            rest = _State(state.base, [k for k in state.columns if k != place], state.holds)
-            moves.append(self._worth(self.pool[place - self.n].term, rest, state))
+        for index in state.columns:
+            rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
+            moves.append(self._worth(self.pool[index - self.n].term, rest, state))
         return sorted(moves, key=lambda move: -move.gain)
 
     def _worth(self, term: FrictionTerm, without: _State, state: _State) -> Move:
@@ -230,28 +232,31 @@ class Screen:
         columns = [self._twin(k, joint, joint in holds) for k in state.columns]
         return _State(base, columns, holds)
 
-    def _twin(self, place: int, joint: int, held: bool) -> int:
+    def _twin(self, index: int, joint: int, held: bool) -> int:
         """Return the column of the same term at a joint that holds its sign, or does not."""
-        item = self.pool[place - self.n]
-        if item.held is None or item.term.joint != joint:
-            return place
+        candidate = self.pool[index - self.n]
+        if candidate.held is None or candidate.term.joint != joint:
+            return index
         return next(
-            self.n + k for k, other in enumerate(self.pool) if other.term == item.term and other.held == held
+            self.n + k
+            for k, other in enumerate(self.pool)
+            if other.term == candidate.term and other.held == held
         )
 
     def _open(self, state: _State, joint: int | None = None) -> list[int]:
         """Return the columns that may be added: of a term that is not there yet, for the sign that its joint has."""
         there = {
-            (item.term.joint, _family(item.term)) for item in (self.pool[k - self.n] for k in state.columns)
+            (candidate.term.joint, _family(candidate.term))
+            for candidate in (self.pool[k - self.n] for k in state.columns)
         }
         return [
             self.n + k
-            for k, item in enumerate(self.pool)
-            if item.term.law != "hold"
-            and (item.term.law != "dahl" or (self.memory and item.term.joint in state.holds))
-            and (joint is None or item.term.joint == joint)
-            and (item.term.joint, _family(item.term)) not in there
-            and item.held in (None, item.term.joint in state.holds)
+            for k, candidate in enumerate(self.pool)
+            if candidate.term.law != "hold"
+            and (candidate.term.law != "dahl" or (self.memory and candidate.term.joint in state.holds))
+            and (joint is None or candidate.term.joint == joint)
+            and (candidate.term.joint, _family(candidate.term)) not in there
+            and candidate.held in (None, candidate.term.joint in state.holds)
         ]
 
     def _best_step(self, state: _State) -> _Step | None:
@@ -274,16 +279,16 @@ class Screen:
         """Return the supported steps from one sign of the joints: each column, and the other sign by itself."""
         changes = (before - base)[:, None] + np.hstack([np.zeros((len(before), 1)), drops])
         return [
-            _Step(joint, place, float(changes[:, k].sum() / before.sum()))
-            for k, place in enumerate([None, *places])
-            if (joint is not None or place is not None)
+            _Step(joint, index, float(changes[:, k].sum() / before.sum()))
+            for k, index in enumerate([None, *places])
+            if (joint is not None or index is not None)
             and self._supported(changes[:, k], before)
-            and not (self._is_spring(place) and changes[:, k].sum() <= SPRING_GAIN * before.sum())
+            and not (self._is_spring(index) and changes[:, k].sum() <= SPRING_GAIN * before.sum())
         ]
 
-    def _is_spring(self, place: int | None) -> bool:
+    def _is_spring(self, index: int | None) -> bool:
         """Whether a column is that of a spring."""
-        return place is not None and self.pool[place - self.n].term.law == "spring"
+        return index is not None and self.pool[index - self.n].term.law == "spring"
 
     @staticmethod
     def _supported(change: Array, before: Array) -> bool:
@@ -315,19 +320,19 @@ class Screen:
         """Take terms away that gain nothing, and move velocities along their grid."""
         for _ in range(REFINEMENTS):
             last = (list(state.columns), set(state.holds))
-            for place in last[0]:
-                item = self.pool[place - self.n].term
-                rest = _State(state.base, [k for k in state.columns if k != place], state.holds)
+            for index in last[0]:
+                candidate = self.pool[index - self.n].term
+                rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
                 family = [
                     self.n + k
                     for k, other in enumerate(self.pool)
-                    if (other.term.joint, other.term.law) == (item.joint, item.law)
-                    and other.held in (None, item.joint in rest.holds)
+                    if (other.term.joint, other.term.law) == (candidate.joint, candidate.law)
+                    and other.held in (None, candidate.joint in rest.holds)
                 ]
                 base, drops = self._drops(rest, family)
                 best = int(np.argmax(drops.sum(axis=0)))
-                kept = [family[best]] if self._supported(drops[:, best], base) else []
-                state = _State(rest.base, [*rest.columns, *kept], rest.holds)
+                supported = [family[best]] if self._supported(drops[:, best], base) else []
+                state = _State(rest.base, [*rest.columns, *supported], rest.holds)
             for joint in sorted(last[1]):
                 other = self._toggled(state, joint)
                 without, with_it = self._errors(other), self._errors(state)

@@ -79,7 +79,7 @@ def laws_to_test(
     every = np.ones(n, dtype=bool)  # a curve of speed may bend at more than one velocity
     loaded = np.array([("load", joint) not in known for joint in range(n)])
     signs = [direction(robot, part.q, part.dq) for part in parts]
-    found: list[LawColumns] = []
+    laws: list[LawColumns] = []
 
     def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
         if joints.any():
@@ -87,7 +87,7 @@ def laws_to_test(
             rows = decimated(own, parts, signal)
             # Transposed first, because numpy reduces rows of few columns slowly.
             largest = np.max([np.abs(value.T, order="C").max(axis=1) for value in values], axis=0)
-            found.append(LawColumns(family, rows, largest))
+            laws.append(LawColumns(family, rows, largest))
 
     for velocity in STRIBECK:
         values = [
@@ -109,5 +109,5 @@ def laws_to_test(
         for k, width in enumerate(widths):
             values = [memory[k] - sign for memory, sign in zip(memories, signs, strict=True)]
             add("dahl", values, resolved)
-            found[-1] = replace(found[-1], width=width * resolved)
-    return found
+            laws[-1] = replace(laws[-1], width=width * resolved)
+    return laws

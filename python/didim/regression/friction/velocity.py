@@ -156,15 +156,15 @@ def settled(
             selection = select(robot, *chosen)
             system = linear_system(robot, parts, signal, selection, beta)
         solution, _ = solve(system)
-        found = selection.expand(solution)
+        estimate = selection.expand(solution)
         if not robot.friction.has_load:
             return SettledFriction(
-                robot=robot, selection=selection, beta=found, system=system, velocities=estimates
+                robot=robot, selection=selection, beta=estimate, system=system, velocities=estimates
             )
         passes += 1
-        change = np.linalg.norm(found - beta) if beta is not None else np.inf
-        beta = found
-        if change <= SETTLED_VELOCITY * np.linalg.norm(found) or passes == LOAD_PASSES:
+        change = np.linalg.norm(estimate - beta) if beta is not None else np.inf
+        beta = estimate
+        if change <= SETTLED_VELOCITY * np.linalg.norm(estimate) or passes == LOAD_PASSES:
             system = linear_system(robot, parts, signal, selection, beta)
             return SettledFriction(
                 robot=robot,
@@ -269,13 +269,13 @@ def _estimate_velocities(
         )
         for term, v, s, good in zip(terms, velocities, std, inner, strict=True)
     )
-    found = iter(zip(velocities, inner, strict=True))
+    pairs = iter(zip(velocities, inner, strict=True))
     known: list[FrictionTerm] = []
     for term in robot.friction.terms:
         if not term.estimated:
             known.append(term)
             continue
-        velocity, good = next(found)
+        velocity, good = next(pairs)
         if good or term.law != "atan" or not search:
             good = bool(good)
             known.append(
@@ -354,9 +354,9 @@ def decimated(values: Sequence[Array], parts: Sequence[Segment], signal: SignalP
     return np.concatenate(rows)
 
 
-def _gains(w: Array, place: int, columns: Array, y: Array, weights: Array) -> Array:
+def _gains(w: Array, index: int, columns: Array, y: Array, weights: Array) -> Array:
     """By how much each candidate in the place of a column lowers the squared weighted residual."""
-    rest = np.delete(w, place, axis=1) * weights[:, None]
+    rest = np.delete(w, index, axis=1) * weights[:, None]
     q, _ = np.linalg.qr(rest)
     target = y * weights
     residual = target - q @ (q.T @ target)
@@ -393,8 +393,8 @@ def _refined(
     low, high = np.array([_range(robot, terms[k]) for k in moving]).T
 
     def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
-        found = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]
-        return np.hstack(found)
+        columns = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]
+        return np.hstack(columns)
 
     for _ in range(VELOCITY_WEIGHTS):
         _, weights = solve(replace(system, w=w))

@@ -105,8 +105,8 @@ class Currents:
     def scale(self) -> Array:
         """Size of each column, (q,), for conditioning."""
         size = np.linalg.norm(self.columns, axis=0)
-        found: Array = np.where(size > 0.0, size, 1.0)
-        return found
+        scale: Array = np.where(size > 0.0, size, 1.0)
+        return scale
 
     def spread(self, errors: Array) -> Array:
         """Root mean square of the errors of each motor, (n,), never zero."""
@@ -126,7 +126,7 @@ class Currents:
     def signs(self) -> Array:
         """Return the sign of each motor's gain, (n,), with which friction brakes."""
         names = self.system.names
-        found = np.ones(self.n_motors)
+        signs = np.ones(self.n_motors)
         for motor in range(self.n_motors):
             rows = self.motor == motor
             a = self.columns[rows] / self.scale
@@ -139,5 +139,5 @@ class Currents:
                 if names[k].rstrip("+-") in (f"Fv{motor + 1}", f"Fc{motor + 1}")
             ]
             if friction and sum(solution[k] for k in friction) < 0.0:
-                found[motor] = -1.0
-        return found
+                signs[motor] = -1.0
+        return signs

@@ -151,7 +151,7 @@ def _levels(
         friction[rows] = system.w[rows][:, own] @ first[own]
     levels = []
     for key in _joints_of(places):
-        changed = np.array([place[1:] == key for place in places])
+        changed = np.array([key_of_rows[1:] == key for key_of_rows in places])
         torque = np.where(columns[:, changed].any(axis=1), friction, 0.0)
         share = torque @ columns / max(float(torque @ torque), np.finfo(float).tiny)
         levels.append(np.where(changed, share, 0.0))
@@ -164,7 +164,14 @@ def _with_levels(
     """Append name, joint, recording and torque of each level."""
     keys = _joints_of(places)
     sums = [
-        np.sum([torque for torque, place in zip(torques, places, strict=True) if place[1:] == key], axis=0)
+        np.sum(
+            [
+                torque
+                for torque, key_of_torque in zip(torques, places, strict=True)
+                if key_of_torque[1:] == key
+            ],
+            axis=0,
+        )
         for key in keys
     ]
     return [*places, *((f"friction{joint + 1}", joint, number) for joint, number in keys)], [*torques, *sums]
@@ -242,18 +249,18 @@ def drifts(compared: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
         ("friction", ("friction", "level")),
     )
     for kind, tested in kinds:
-        places = {(item.recording, item.joint) for item in compared if item.kind in tested and item.clear}
+        places = {(each.recording, each.joint) for each in compared if each.kind in tested and each.clear}
         if not places:
             continue
-        own = [item for item in compared if (item.recording, item.joint) in places]
+        own = [each for each in compared if (each.recording, each.joint) in places]
         significant.append(
             Drift(
                 kind=kind,
                 joints=tuple(sorted({joint + 1 for _, joint in places})),
                 recordings=tuple(names[number] for number in sorted({number for number, _ in places})),
-                worst=max((item for item in own if item.kind == kind), key=lambda item: item.torque),
+                worst=max((each for each in own if each.kind == kind), key=lambda each: each.torque),
                 levels=tuple(
-                    item for item in own if item.kind == "level" and item.kind in tested and item.std > 0.0
+                    each for each in own if each.kind == "level" and each.kind in tested and each.std > 0.0
                 ),
             )
         )

@@ -53,8 +53,8 @@ class Load:
     def __str__(self) -> str:
         if not np.isfinite(self.mass):
             return "carries a load on its last body"
-        way = "heavier" if self.mass > 0.0 else "lighter"
-        return f"has a last body that is {abs(self.mass):.3g} +- {self.std:.1g} kg {way}"
+        direction = "heavier" if self.mass > 0.0 else "lighter"
+        return f"has a last body that is {abs(self.mass):.3g} +- {self.std:.1g} kg {direction}"
 
 
 def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20) -> list[tuple[int, Load]]:
@@ -70,7 +70,7 @@ def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20)
         Intervals of time for each log.
     """
     numbers = sorted({block.recording for block in system.blocks})
-    found = []
+    loads = []
     weighted = system.w * fit.weights[:, None]
     left = np.linalg.qr(weighted)[0]
     for number in numbers[1:]:
@@ -79,8 +79,8 @@ def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20)
         columns[own] = (weighted @ _last_body(system, robot))[own]
         load = _load(system, columns, left, fit.residual * fit.weights, own, blocks * len(numbers))
         if load is not None:
-            found.append((number, load))
-    return found
+            loads.append((number, load))
+    return loads
 
 
 def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
@@ -150,17 +150,17 @@ def _load(
         return None
     directions = vectors[:, good]
     reduced = beside @ (directions / np.sqrt(values[good]))  # orthonormal columns
-    found = reduced.T @ rest
-    error = rest - reduced @ found
+    projected = reduced.T @ rest
+    error = rest - reduced @ projected
     scores = np.array([reduced[rows].T @ error[rows] for rows in parts])
     covariance = m / (m - 1) * scores.T @ scores
-    statistic = float(found @ np.linalg.solve(covariance, found)) * (m - rank) / (rank * (m - 1))
+    statistic = float(projected @ np.linalg.solve(covariance, projected)) * (m - rank) / (rank * (m - 1))
     before = float(rest[own] @ rest[own])
     explained = 1.0 - float(error[own] @ error[own]) / before if before > 0.0 else 0.0
     if not (fdtrc(rank, m - rank, statistic) < FALSE_LOADS and explained > EXPLAINED):
         return None
     back = (directions / np.sqrt(values[good])) / scale[:, None]
     known = float(np.linalg.norm(directions[9])) >= KNOWN
-    mass = float(back[9] @ found) if known else float("nan")
+    mass = float(back[9] @ projected) if known else float("nan")
     std = float(np.sqrt(back[9] @ covariance @ back[9])) if known else float("nan")
     return Load(mass, std)

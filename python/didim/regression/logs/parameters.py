@@ -119,7 +119,10 @@ class LogParameters:
             When the recordings to fit cannot separate a further parameter from those of the robot.
         """
         payloads = payloads or {}
-        if not any(item.payload != NOTHING or item.own or item.drives is not None for item in recordings):
+        if not any(
+            recording.payload != NOTHING or recording.own or recording.drives is not None
+            for recording in recordings
+        ):
             return cls(robot, (), {}, {}, {})
         builder = _Builder(robot, recordings)
         builder.payloads(payloads, last_link(robot, flange_in_last_frame(robot, flange)))
@@ -127,7 +130,7 @@ class LogParameters:
             builder.own(kind, referred=checked)
         if checked:
             builder.check()
-        if any(item.drives is not None for item in recordings if item.role == "fit"):
+        if any(recording.drives is not None for recording in recordings if recording.role == "fit"):
             builder.gains()
         return builder.built()
 
@@ -163,11 +166,11 @@ class LogParameters:
 
     def slices(self) -> list[tuple[ColumnBlock, slice]]:
         """Return each block with its slice of the further parameters."""
-        found, start = [], 0
+        slices, start = [], 0
         for block in self.blocks:
-            found.append((block, slice(start, start + len(block.names))))
+            slices.append((block, slice(start, start + len(block.names))))
             start += len(block.names)
-        return found
+        return slices
 
     def select(self, fixed: Mapping[str, float], dropped: Sequence[str]) -> Selection:
         """Return the roles of all parameters; further ones are estimated, known ones are declared in ``[payload]``."""
@@ -231,7 +234,7 @@ class _Builder:
         self.known: dict[int, Array] = {}
         self.reference: dict[str, str] = {}
 
-    def payloads(self, payloads: Mapping[str, Payload], place: Array) -> None:
+    def payloads(self, payloads: Mapping[str, Payload], transform: Array) -> None:
         """Add the payloads of recordings, with the matrix of the last link, (p, 10)."""
         used: dict[str, list[int]] = {}
         for number, recording in enumerate(self.recordings):
@@ -246,25 +249,27 @@ class _Builder:
         for name, numbers in used.items():
             known, columns, names = payloads[name].split
             if known.any():
-                self.known |= dict.fromkeys(numbers, place @ known)
-            found = [place @ column for column in columns.T]
-            effects = [self.robot.base_parameters.matrix @ column for column in found]
+                self.known |= dict.fromkeys(numbers, transform @ known)
+            by_body = [transform @ column for column in columns.T]
+            effects = [self.robot.base_parameters.matrix @ column for column in by_body]
             # A planar arm does not identify or separate some of the ten.
-            kept = independent(effects)
-            if kept:
-                block = tuple(names[index] for index in kept)
-                units = tuple(UNITS[item] for item in block)
-                self.blocks.append(ColumnBlock("payload", name, block, units, len(kept) == len(names)))
-                self.directions += [(found[index], tuple(numbers)) for index in kept]
+            chosen = independent(effects)
+            if chosen:
+                block = tuple(names[index] for index in chosen)
+                units = tuple(UNITS[name] for name in block)
+                self.blocks.append(ColumnBlock("payload", name, block, units, len(chosen) == len(names)))
+                self.directions += [(by_body[index], tuple(numbers)) for index in chosen]
 
     def own(self, kind: Literal["offset", "friction"], *, referred: bool) -> None:
         """Add the own offsets or friction of recordings.
 
         If all recordings have their own, those of the first are the robot's, unless the robot is known (`referred` is False).
         """
-        fitted = [(number, item) for number, item in enumerate(self.recordings) if item.role == "fit"]
+        fitted = [
+            (number, recording) for number, recording in enumerate(self.recordings) if recording.role == "fit"
+        ]
         key = {"offset": "offsets", "friction": "friction"}[kind]
-        owners = [(number, item) for number, item in fitted if key in item.own]
+        owners = [(number, recording) for number, recording in fitted if key in recording.own]
         if not owners:
             return
         prefixes = ("Off",) if kind == "offset" else ("Fv", "Fc")
@@ -280,10 +285,10 @@ class _Builder:
         if referred and len(owners) == len(fitted):
             self.reference[kind] = owners[0][1].name
             owners = owners[1:]
-        for number, item in owners:
+        for number, recording in owners:
             self.blocks.append(
                 ColumnBlock(
-                    kind, item.name, tuple(name for name, _ in names), tuple(unit for _, unit in names)
+                    kind, recording.name, tuple(name for name, _ in names), tuple(unit for _, unit in names)
                 )
             )
             for name, _ in names:
@@ -301,7 +306,7 @@ class _Builder:
         """
         if not self.directions:
             return
-        fitted = [number for number, item in enumerate(self.recordings) if item.role == "fit"]
+        fitted = [number for number, recording in enumerate(self.recordings) if recording.role == "fit"]
         matrix = self.robot.base_parameters.matrix
         zero = np.zeros(len(matrix))
         shared = [np.concatenate([column] * len(fitted)) for column in np.eye(len(matrix))]
@@ -309,9 +314,9 @@ class _Builder:
             np.concatenate([matrix @ direction if number in numbers else zero for number in fitted])
             for direction, numbers in self.directions
         ]
-        kept = set(independent([*shared, *own]))
+        independent_columns = set(independent([*shared, *own]))
         names = [(block, name) for block in self.blocks for name in block.names]
-        lost = [names[k] for k in range(len(own)) if k + len(shared) not in kept]
+        lost = [names[k] for k in range(len(own)) if k + len(shared) not in independent_columns]
         if not lost:
             return
         owner = lost[0][0].owner
@@ -338,12 +343,12 @@ class _Builder:
         FitError
             When some recordings to fit have torques, or other motors.
         """
-        fitted = [item for item in self.recordings if item.role == "fit"]
-        for item in fitted:
-            if item.drives != fitted[0].drives:
+        fitted = [recording for recording in self.recordings if recording.role == "fit"]
+        for recording in fitted:
+            if recording.drives != fitted[0].drives:
                 raise FitError(
-                    f"recording '{item.name}' and recording '{fitted[0].name}' do not both have currents of the same motors: drive "
-                    "gains are estimated from recordings of one kind"
+                    f"recording '{recording.name}' and recording '{fitted[0].name}' do not both have currents of the "
+                    "same motors: drive gains are estimated from recordings of one kind"
                 )
         n = self.robot.n_dof
         units = ["N.m/A" if kind == "revolute" else "N/A" for kind in self.robot.joint_kinds]
@@ -368,7 +373,7 @@ class _Builder:
 def independent(vectors: Sequence[Array]) -> list[int]:
     """Return the vectors that are independent of the preceding ones."""
     basis: list[Array] = []
-    kept = []
+    chosen = []
     for index, vector in enumerate(vectors):
         size = np.linalg.norm(vector)
         if not size > 0.0:
@@ -380,5 +385,5 @@ def independent(vectors: Sequence[Array]) -> list[int]:
         left = np.linalg.norm(rest)
         if left > DEPENDENT_COLUMN:
             basis.append(rest / left)
-            kept.append(index)
-    return kept
+            chosen.append(index)
+    return chosen
