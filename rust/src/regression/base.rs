@@ -97,7 +97,7 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     Ok(Base { kept, terms, unidentifiable })
 }
 
-/// Columns that depend on earlier ones, found on random states.
+/// Columns that depend on earlier ones, on random states; limb by limb, since limbs share neither rows nor columns.
 fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     let n = robot.n_dof();
     let p = Layout::of(robot).count();
@@ -107,8 +107,42 @@ fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     let (q, dq, ddq) = random_states(n, samples);
     let mut flat = vec![0.0; samples * n * p];
     regressor(robot, &q, &dq, &ddq, &mut flat).expect("the arrays were made for this robot");
-    let w = Mat::from_fn(samples * n, p, |row, column| flat[row * p + column]);
-    Ok(least_squares::solve(w.as_ref(), &vec![0.0; samples * n], TOLERANCE)?.dependent)
+    let limbs = limbs(&flat, n, p);
+    let zeros = (0..p).filter(|column| limbs.iter().all(|(_, columns)| !columns.contains(column)));
+    let mut dependent: Vec<Dependence> =
+        zeros.map(|column| Dependence { column, coefficients: Vec::new() }).collect();
+    for (joints, columns) in limbs {
+        let rows: Vec<usize> = (0..samples * n).filter(|row| joints.contains(&(row % n))).collect();
+        let w = Mat::from_fn(rows.len(), columns.len(), |row, column| flat[rows[row] * p + columns[column]]);
+        for own in least_squares::solve(w.as_ref(), &vec![0.0; rows.len()], TOLERANCE)?.dependent {
+            let coefficients = own.coefficients.iter().map(|&(column, value)| (columns[column], value));
+            dependent.push(Dependence { column: columns[own.column], coefficients: coefficients.collect() });
+        }
+    }
+    dependent.sort_by_key(|dependence| dependence.column);
+    Ok(dependent)
+}
+
+/// Joints and columns of each group of joints that shares no column with another, without columns of zeros; a single group has all
+/// columns.
+fn limbs(flat: &[f64], n: usize, p: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
+    let seen = |joint: usize, column: usize| {
+        flat[joint * p + column..].iter().step_by(n * p).any(|value| *value != 0.0)
+    };
+    let joints: Vec<Vec<usize>> =
+        (0..p).map(|column| (0..n).filter(|&joint| seen(joint, column)).collect()).collect();
+    let mut group: Vec<usize> = (0..n).collect();
+    for pair in joints.iter().flat_map(|all| all.windows(2)) {
+        let (one, other) = (group[pair[0]], group[pair[1]]);
+        group.iter_mut().filter(|each| **each == one.max(other)).for_each(|each| *each = one.min(other));
+    }
+    let whole = group.iter().all(|&each| each == 0);
+    let of = |which: usize| {
+        let own = |&column: &usize| whole || joints[column].first().is_some_and(|&j| group[j] == which);
+        let columns: Vec<usize> = (0..p).filter(own).collect();
+        ((0..n).filter(|&joint| group[joint] == which).collect(), columns)
+    };
+    (0..n).filter(|&joint| group[joint] == joint).map(of).filter(|(_, columns)| !columns.is_empty()).collect()
 }
 
 /// Positions within half a turn, speeds and accelerations of a few units, spread evenly: additive recurrences with
