@@ -172,7 +172,7 @@ class Products:
         for joint, columns in enumerate(parts[k] for k in part_of):
             g, h = whole.g[joint, 0][np.ix_(columns, columns)], whole.h[joint, :, 0][:, columns]
             if self.given is None:
-                beta = np.linalg.solve(_ridged(g), h.T).T
+                beta = solved(g.copy(), h.T).T
             else:
                 beta = np.tile((self.given * self.scale)[columns], (self.n, 1))
             errors[joint] = y - 2.0 * np.sum(h * beta, axis=1) + np.sum(beta @ g * beta, axis=1)
@@ -199,18 +199,18 @@ class Products:
             own = np.array(rows)[channels]
             key = what, channels.tobytes(), own.tobytes(), s[channels].tobytes()
             if key not in self._solutions:
-                whole = len(columns) == len(self.scale)
-                part = Part(
-                    self.g[own]
-                    if whole
-                    else self.g[own[:, None, None], :, columns[:, None], columns].transpose(0, 3, 1, 2),
-                    self.h[own, channels][..., columns],
-                    self.y[channels],
-                    s[channels],
-                    None if self.given is None else (self.given * self.scale)[columns],
-                )
+                h = self.h[own, channels]
+                if len(columns) < len(self.scale):
+                    g, h = self._own(own, columns), h[..., columns]
+                else:  # as they are, because a copy takes as long as a solution
+                    g = self.g if np.array_equal(own, np.arange(self.n)) else self.g[own]
+                given = None if self.given is None else (self.given * self.scale)[columns]
+                part = Part(g, h, self.y[channels], s[channels], given)
                 self._solutions[key] = part.judged() if what == "judged" else (1.0 / part.weights(),)
             yield channels, columns, self._solutions[key]
+
+    def _own(self, rows: Array, columns: NDArray[np.intp]) -> Array:
+        return self.g[rows[:, None, None], :, columns[:, None], columns].transpose(0, 3, 1, 2)
 
     def predicted(
         self, beta: Array, order: Sequence[int] | None = None, factors: Array | None = None
@@ -238,10 +238,10 @@ class Part:
     def judged(self) -> tuple[Array, Array, Array]:
         """Return errors on blocks left out, (n, m), parameters and standard deviations, (p,), of columns of norm 1."""
         g, h, s, v = self.g, self.h, self.s, self.weights()
-        a, r = np.tensordot(v * s * s, g, 1), np.tensordot(v * s, h, 1)
+        a = ((v * s * s) @ g.reshape(len(g), -1)).reshape(g.shape[1:])
+        r = np.tensordot(v * s, h, 1)
         whole, moment = a.sum(axis=0), r.sum(axis=0)
-        beta = self._solved(whole[None], moment[None])[0]
-        left = self._solved(whole - a, moment - r)
+        left = np.stack([self._solved(*pair) for pair in zip(whole - a, moment - r, strict=True)])
         error = (
             self.y
             - 2.0 * s[:, None] * np.einsum("nmp,mp->nm", h, left)
@@ -249,42 +249,46 @@ class Part:
         )
         m = len(left)
         spread = np.sqrt((m - 1) / m * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-        return _above_rounding(error, self.y), beta, spread
+        return _above_rounding(error, self.y), self._solved(whole, moment), spread
 
     @cached_property
-    def _sums(self) -> tuple[Array, Array]:
+    def _sums(self) -> tuple[Array, Array, Array]:
+        y = self.y.sum(axis=1)
         one = self.g.shape[1] == 1
-        return (self.g[:, 0], self.h[:, 0]) if one else (self.g.sum(axis=1), self.h.sum(axis=1))
+        return (self.g[:, 0], self.h[:, 0], y) if one else (self.g.sum(axis=1), self.h.sum(axis=1), y)
 
     def weights(self) -> Array:
         """Return one over the squared errors in sample, after a few solutions, (n,)."""
-        (g, h), s = self._sums, self.s
+        (g, h, y), s = self._sums, self.s
         flat = g.reshape(len(g), -1)
-        v = 1.0 / np.maximum(self.y.sum(axis=1), np.finfo(float).tiny)
+        v = 1.0 / np.maximum(y, np.finfo(float).tiny)
         for _ in range(REWEIGHTINGS):
             gram = ((v * s * s) @ flat).reshape(g.shape[1:])
-            v = 1.0 / self.squares(self._solved(gram[None], ((v * s) @ h)[None])[0])
+            v = 1.0 / self.squares(self._solved(gram, (v * s) @ h))
         return np.asarray(v)
 
     def squares(self, beta: Array) -> Array:
         """Return the squared errors of given parameters of columns of norm 1, (n,)."""
-        (g, h), s = self._sums, self.s
-        sizes = self.y.sum(axis=1)
-        error = sizes - 2.0 * s * (h @ beta) + s * s * ((g @ beta) @ beta)
-        return _above_rounding(error, sizes)
+        (g, h, y), s = self._sums, self.s
+        error = y - 2.0 * s * (h @ beta) + s * s * ((g @ beta) @ beta)
+        return _above_rounding(error, y)
 
     def _solved(self, gram: Array, right: Array) -> Array:
-        if self.given is not None:
-            return np.tile(self.given, (len(right), 1))
-        return np.asarray(np.linalg.solve(_ridged(gram), right[:, :, None])[:, :, 0])
+        return solved(gram, right) if self.given is None else self.given
 
 
-def _ridged(gram: Array) -> Array:
-    """Return products (..., p, p) that can be solved with."""
-    ridged = gram.copy()
-    diagonal = np.einsum("...pp->...p", ridged)
-    diagonal += RIDGE * diagonal.sum(axis=-1, keepdims=True)
-    return ridged
+def solved(gram: Array, right: Array) -> Array:
+    """Return the solution for products (p, p), which are overwritten, and (p,) or (p, k)."""
+    from scipy.linalg.lapack import dposv
+
+    diagonal = np.einsum("pp->p", gram)
+    diagonal += RIDGE * diagonal.sum()
+    if diagonal.size:
+        # Half the work of NumPy's, for one side of a symmetric matrix; it is transposed because LAPACK reads columns.
+        _, solution, failed = dposv(gram.copy().T, right, lower=True, overwrite_a=True)
+        if not failed:
+            return np.asarray(solution)
+    return np.asarray(np.linalg.solve(gram, right))
 
 
 def _above_rounding(error: Array, size: Array) -> Array:
