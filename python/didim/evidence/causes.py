@@ -287,8 +287,9 @@ def confirmed(tried: Tried) -> bool:
 def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int]) -> list[float]:
     """Return the viscous and Coulomb friction of joints, from 1, in their standard deviations; zero without such columns."""
     found = []
+    kinds = [name.rstrip("+-") for name in names]
     for kind in (f"{kind}{joint}" for joint in joints for kind in ("Fv", "Fc")):
-        places = [place for place, name in enumerate(names) if name.rstrip("+-") == kind]
+        places = [place for place, own in enumerate(kinds) if own == kind]
         std = np.maximum(judged.std[places], 1e-9 * np.abs(judged.beta[places]) + 1e-300)
         found += (judged.beta[places] / std).tolist()
     return found or [0.0]

@@ -119,7 +119,7 @@ class Products:
             np.matmul(torque[None, :, c], columns[:, c], out=h[:, :, b])
         scale = np.sqrt(np.einsum("jmpp->p", g))
         scale[scale == 0.0] = 1.0
-        g /= scale[:, None] * scale
+        g *= np.outer(1.0 / scale, 1.0 / scale)
         h /= scale
         squares = np.stack([np.sum(torque[:, c] ** 2, axis=1) for c in cuts], axis=1)
         return cls(g, h, squares, scale, given)
@@ -141,6 +141,8 @@ class Products:
         used = np.einsum("jmpp->jp", self.g) > 0.0
         joined = used @ used.T | np.eye(self.n, dtype=bool)
         for _ in range(self.n.bit_length()):  # joints that share a column with a joint in common
+            if joined.all():
+                return np.zeros(self.n, dtype=np.intp), [np.arange(len(self.scale))]
             joined = joined @ joined
         _, part = np.unique(joined.argmax(axis=1), return_inverse=True)
         columns = np.stack([used[part == k].any(axis=0) for k in range(part.max() + 1)])
@@ -171,10 +173,8 @@ class Products:
         y, errors = whole.y[:, 0], np.empty((self.n, self.n))
         for joint, columns in enumerate(parts[k] for k in part_of):
             g, h = whole.g[joint, 0][np.ix_(columns, columns)], whole.h[joint, :, 0][:, columns]
-            if self.given is None:
-                beta = solved(g.copy(), h.T).T
-            else:
-                beta = np.tile((self.given * self.scale)[columns], (self.n, 1))
+            known = None if self.given is None else (self.given * self.scale)[columns]
+            beta = solved(g.copy(), h.T).T if known is None else known[None]
             errors[joint] = y - 2.0 * np.sum(h * beta, axis=1) + np.sum(beta @ g * beta, axis=1)
         return _above_rounding(errors, y)
 

@@ -18,7 +18,7 @@ from ..errors import DidimError, FitError
 from ..log.recording import Recording
 from ..model.limbs import Limb, limb_of, links_with
 from ..regression.block import stacked
-from ..regression.consistent.solver import Consistent
+from ..regression.consistent.solver import Consistent, gamma_of
 from ..regression.jackknife import FEWEST_ROWS
 from ..regression.linear_system import LinearSystem, linear_system
 from ..regression.logs.parameters import LogParameters
@@ -257,10 +257,7 @@ class LogRows:
     @cached_property
     def _gamma(self) -> float:
         """Weight of the prior, by the correlation of the residuals of the declared model."""
-        system, logs = self._conditioned(self.robot, self.w, self.y)
-        problem = Consistent().for_logs(logs, logs.select({}, ())).on(system).problem
-        assert problem is not None
-        return problem.gamma
+        return gamma_of(self._conditioned(self.robot, self.w, self.y)[0])
 
     def _whole(self, step: int) -> Array:
         """Return the columns of all standard parameters on every `step`-th row, (n, n_rows, m), as those of a fit."""

@@ -58,6 +58,7 @@ class Screen:
         self.base = list(robot.base_parameters.indices if base is None else base)
         self.smooth = _columns(robot, self.motion)
         self.correction = exact - self.smooth
+        self._correction = self.correction[:, :, self.base]
 
     def of_robot(self, robot: Robot) -> Array:
         """Return the columns of another robot along the same motion, (n_dof, n_rows, m).
@@ -69,8 +70,10 @@ class Screen:
         DidimError
             For numbers that are too large.
         """
-        w = _columns(robot, self.motion) + self.correction
-        return w[:, :, self.base] if _alike(robot.geometry, self.robot.geometry) else w
+        w = _columns(robot, self.motion)
+        if _alike(robot.geometry, self.robot.geometry):
+            return w[:, :, self.base] + self._correction
+        return w + self.correction
 
     def of_motion(self, position: Array, rate: float = 1.0) -> Array:
         """Return base columns, (n_dof, n_rows, b), of positions ``A q``, A (n_dof, n_dof), at r times the rate.
@@ -86,7 +89,7 @@ class Screen:
         # The error of the decimated motion is about the same where each joint keeps its direction.
         scale = np.diag(position)
         if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
-            w += self.correction[:, :, self.base]
+            w += self._correction
         w[:, :, places] = np.where(even, exact, np.where(odd, -exact, after))
         return w
 
@@ -158,7 +161,8 @@ class ScreenedRows:
         w = w if mixing is None else np.tensordot(mixing, w, 1)
         whole = w.shape[2] == self.screen.exact.shape[2]
         given = self.given if self.given is None or whole else self.given[self.screen.base]
-        return Products.of(np.concatenate([w, self.further], axis=2), self.torque, 1, given)
+        columns = np.concatenate([w, self.further], axis=2) if self.further.shape[2] else w
+        return Products.of(columns, self.torque, 1, given)
 
 
 def _bytes(values: Array | None) -> bytes:

@@ -107,10 +107,11 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
         bends = np.zeros(values.shape)
         bends[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
         size = np.abs(bends)
+        median, tail = np.quantile(size, (0.5, 0.95)).tolist()
         # Most bends of a signal with coarse steps are zero.
-        scale = max(NORMAL_MAD * float(np.median(size)), _resolution(values))
+        scale = max(NORMAL_MAD * median, _resolution(values))
         # Heavy tails of the noise are not isolated errors.
-        limit = max(threshold * scale, TAIL * float(np.quantile(size, 0.95)))
+        limit = max(threshold * scale, TAIL * tail)
         places = 2 + np.flatnonzero(size[2:-2] > limit + 1e-12 * np.abs(values).max())
         before, inner, after = (bends[places + step] for step in (-1, 0, 1))
         opposite = (before * inner < 0.0) & (after * inner < 0.0)

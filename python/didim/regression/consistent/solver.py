@@ -111,7 +111,7 @@ class ConsistentSolver:
         """Return the solver with its prior sized by a log, and with conditions (B) if requested."""
         wish = self.settings
         prior = prior_of(self.robot, wish.prior, system, self.selection)
-        gamma = GAMMA * _inflation(system) if wish.gamma is None else wish.gamma
+        gamma = gamma_of(system) if wish.gamma is None else wish.gamma
         problem = ConstrainedProblem(
             self.robot, self.selection, prior, gamma, wish.bounds, simulability, self.logs
         )
@@ -180,6 +180,11 @@ def _plain(w: Array, y: Array) -> Array:
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     solution = np.linalg.lstsq(w / sizes, y, rcond=UNIDENTIFIED_SINGULAR_VALUE)[0] / sizes
     return np.asarray(solution, dtype=np.float64)
+
+
+def gamma_of(system: LinearSystem) -> float:
+    """Return the weight of the prior (nats) by the correlation of the plain residuals of a system (7)."""
+    return GAMMA * _inflation(system)
 
 
 def _inflation(system: LinearSystem) -> float:
