@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 ROWS = 300
 """Smallest number of rows per joint for a hypothesis, where the log has them; fewer than twice this number are used."""
 ROUGH_ROWS = 150
-"""Approximate number of rows per joint for the screening, where the log has them."""
+"""Smallest number of rows per joint for the screening, where the log has them; fewer than twice this number are used."""
 SAMPLES = 6000
 """Smallest number of samples for a hypothesis."""
 
@@ -155,7 +155,7 @@ class LogRows:
     @cached_property
     def screened(self) -> ScreenedRows:
         """Screening along the decimated motion."""
-        step = max(1, round(self.y.shape[1] / ROUGH_ROWS))
+        step = max(1, int(self.y.shape[1]) // ROUGH_ROWS)
         motion = [self.reduced([getattr(part, key) for part in self.parts])[:, ::step] for key in MOTION]
         return ScreenedRows(
             Screen(self.robot, motion, self._whole(step)),
