@@ -90,7 +90,7 @@ class Screen:
         scale = np.diag(position)
         if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
             w += self._correction
-        w[:, :, places] = np.where(even, exact, np.where(odd, -exact, after))
+        w[:, :, places] = np.where(even, exact, np.where(odd, -exact, w[:, :, places]))
         return w
 
 
