@@ -70,10 +70,9 @@ class Screen:
         DidimError
             For numbers that are too large.
         """
-        w = _columns(robot, self.motion)
         if _alike(robot.geometry, self.robot.geometry):
-            return w[:, :, self.base] + self._correction
-        return w + self.correction
+            return _columns(robot, self.motion, self.base) + self._correction
+        return _columns(robot, self.motion) + self.correction
 
     def of_motion(self, position: Array, rate: float = 1.0) -> Array:
         """Return base columns, (n_dof, n_rows, b), of positions ``A q``, A (n_dof, n_dof), at r times the rate.
@@ -81,7 +80,7 @@ class Screen:
         Friction keeps its size.
         """
         moved = [rate**k * np.ascontiguousarray(values @ position.T) for k, values in enumerate(self.motion)]
-        w = _columns(self.robot, moved)[:, :, self.base]
+        w = _columns(self.robot, moved, self.base)
         places = np.flatnonzero(np.isin(self.base, friction_places(self.robot)))
         rubbing = [self.base[place] for place in places]
         after, smooth, exact = w[:, :, places], self.smooth[:, :, rubbing], self.exact[:, :, rubbing]
@@ -181,8 +180,8 @@ def _alike(geometry: Geometry, other: Geometry) -> bool:
     )
 
 
-def _columns(robot: Robot, motion: Sequence[Array]) -> Array:
-    w = np.ascontiguousarray(regressor(robot, *motion).transpose(1, 0, 2))
+def _columns(robot: Robot, motion: Sequence[Array], places: Sequence[int] | slice = slice(None)) -> Array:
+    w = regressor(robot, *motion)
     if not np.isfinite(w).all():
         raise FitError("positions, velocities or accelerations are too large for floating point")
-    return w
+    return np.ascontiguousarray(w[:, :, places].transpose(1, 0, 2))

@@ -87,11 +87,11 @@ def _medians(signal: Array, window: int) -> tuple[Array, Array]:
 def _resolution(signal: Array) -> float:
     """Return the smallest step of a coarsely quantised signal, whose windows are mostly constant; 0 for others."""
     steps = np.abs(np.diff(signal))
-    moving = steps[steps > 0.0]
+    moving = np.count_nonzero(steps > 0.0)
     # If half of the samples repeat the preceding one, the other steps are the resolution of the recording. Rarer steps do not
     # matter: the median of a window is then the level of its sample.
-    coarse = 0.05 * steps.size < moving.size < 0.5 * steps.size
-    return float(np.min(moving)) if coarse else 0.0
+    coarse = 0.05 * steps.size < moving < 0.5 * steps.size
+    return float(np.min(steps[steps > 0.0])) if coarse else 0.0
 
 
 def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
