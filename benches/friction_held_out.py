@@ -45,18 +45,6 @@ UR10E_GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
 """Drive gains of the UR10e by its publishers (N.m/A)."""
 UR10E_MOVES = {"free": (195, 4966), "loaded": (308, 5071)}
 """Rows of the UR10e's logs in which the arm moves."""
-UR10 = 'schema = 1\nname = "ur10"\nconvention = "dh"\n' + "".join(
-    f'\n[[joint]]\nname = "{name}_joint"\nkind = "revolute"\na_m = {a}\nalpha_deg = {alpha}\nd_m = {d}\n'
-    for name, a, alpha, d in (
-        ("shoulder_pan", 0, 90, 0.1273),
-        ("shoulder_lift", -0.612, 0, 0),
-        ("elbow", -0.5723, 0, 0),
-        ("wrist_1", 0, 90, 0.163941),
-        ("wrist_2", 0, -90, 0.1157),
-        ("wrist_3", 0, 0, 0.0922),
-    )
-)
-"""Standard table of the maker."""
 FITS = 4
 """Fits of rigid parameters beside given friction: each has the load and the weights of the one before."""
 
@@ -171,12 +159,7 @@ def initialised(robot: str, files: list[Path], options: list[str]) -> didim.Expe
 def unisa(data: Path, which: str) -> didim.Experiment:
     """Return the UR10 or the Panda of ROS bags."""
     files = [data / "unisa" / f"{which}_exciting.db3"]
-    if which == "panda":
-        return initialised("panda", files, [])
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "ur10.toml"
-        path.write_text(UR10, encoding="utf-8")
-        return initialised(str(path), [*files, data / "unisa/ur10_validation.db3"], [])
+    return initialised(which, files if which == "panda" else [*files, data / "unisa/ur10_validation.db3"], [])
 
 
 def tiago(data: Path) -> didim.Experiment:

@@ -17,7 +17,7 @@ CASES = {
     "didim identify --me": {"--method"},
     "didim identify --method ": set(METHODS),
     "didim compare --nelder-mead s": {"short"},
-    "didim base ur1": {"ur10e", "ur16e"},
+    "didim base ur1": {"ur10", "ur10e", "ur16e"},
     "didim completion f": {"fish"},
 }
 """Lines, and what completes them."""

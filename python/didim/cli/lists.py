@@ -50,14 +50,15 @@ def robots(_: argparse.Namespace) -> int:
 
     packaged = packaged_robots()
     width = max(len(name) for name in packaged)
-    lines = [f"{'robot':{width}}  joints  base parameters  description"]
+    lines, identified = [f"{'robot':{width}}  joints  base parameters  description"], []
     for name, robot in packaged.items():
         sets = f"; sets {', '.join(robot.sets)}" if robot.sets else ""
         lines.append(
             f"{name:{width}}  {robot.n_dof:6}  {len(robot.base_parameters.names):15}  {robot.description}{sets}"
         )
+        identified += [f"{name}, set {key!r}, {origin}" for key, origin in robot.origins.items()]
     end = "`didim robot NAME` prints the rows of one. A robot file or a URDF can take the place of a name."
-    return printed("\n".join([*lines, "", end]))
+    return printed("\n".join([*lines, *(f"\n{text}" for text in identified), "", end]))
 
 
 def methods(_: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
-"""How a robot read from a URDF goes back into it: names of joints and links, and the constant poses of their frames.
+"""Where a robot comes from: a URDF, into which it goes back, and the logs of its identified parameter sets.
 
-Tested in ``tests/test_urdf.py``.
+Of the URDF: names of joints and links, and the constant poses of their frames. Tested in ``tests/test_urdf.py`` and
+``tests/test_origin.py``.
 """
 
 from __future__ import annotations
@@ -140,3 +141,64 @@ def _read_pose(table: Table, key: str) -> Pose:
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         table.fail(f"{key} must be the pose of a frame: its first three columns are not a rotation")
     return tuple(tuple(row) for row in rows)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Log, fit and verdict of a parameter set that was identified from a public log.
+
+    Attributes
+    ----------
+    data : str
+        Publication of the log.
+    licence : str
+        Its licence.
+    file, sha256 : str
+        File of the log, and its digest.
+    commands : tuple of str
+        Commands that repeat the fit, in a folder with the log.
+    verdict : str
+        "sound" or "doubtful": how the fit ended.
+    missed_percent : float
+        Torques that the model misses, rms, on blocks of the log left out, as a share of the measured ones (%).
+    """
+
+    data: str
+    licence: str
+    file: str
+    sha256: str
+    commands: tuple[str, ...]
+    verdict: str
+    missed_percent: float
+
+    def __str__(self) -> str:
+        commands = "\n".join(f"  {command}" for command in self.commands)
+        return (
+            f"identified from {self.data} ({self.licence}): {self.verdict}, {self.missed_percent:.3g} % of the torques missed\n"
+            f"{commands}"
+        )
+
+
+def read_origins(table: Table) -> dict[str, Origin]:
+    """Return the origins of parameter sets by name, from the table ``[identified]`` of a robot file.
+
+    Raises
+    ------
+    DidimError
+        Of the table's class, for a key that is missing, unknown or wrong.
+    """
+    origins = {}
+    for name in table.content:
+        part = table.table(name)
+        origins[name] = Origin(
+            data=part.text("data"),
+            licence=part.text("licence"),
+            file=part.text("file"),
+            sha256=part.text("sha256"),
+            commands=tuple(part.texts("commands")),
+            verdict=part.text("verdict"),
+            missed_percent=part.number("missed_percent"),
+        )
+        part.done()
+    table.done()
+    return origins

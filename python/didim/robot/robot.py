@@ -23,7 +23,7 @@ from .._tools.words import counted, did_you_mean
 from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
-from .correspondence import Correspondence
+from .correspondence import Correspondence, Origin
 from .friction import HOLD_WIDTH, OF_TEMPERATURE, Friction, FrictionTerm, read_friction, read_springs
 from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
@@ -153,6 +153,8 @@ class Robot(Pickled):
         Sentences on changes made while reading the file, such as snapped right angles.
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
+    origins : mapping of str to Origin
+        Logs that parameter sets were identified from, by the name of the set.
     softness : tuple of (float, float)
         Creep and rest (s) of the driven joints' friction losses in an MJCF, `didim.robot.transmission.softness`; else empty.
     """
@@ -173,6 +175,7 @@ class Robot(Pickled):
     notes: tuple[str, ...] = ()
     actuators: tuple[Actuator | None, ...] = ()
     softness: tuple[tuple[float, float], ...] = ()
+    origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 
@@ -182,18 +185,11 @@ class Robot(Pickled):
 
     def _repr_html_(self) -> str:
         geometry = self.geometry
+        columns = (np.degrees(geometry.alpha), geometry.d, np.degrees(geometry.theta), geometry.r)
         rows = zip(
             (self.joint_label(j).removeprefix("joint ") for j in range(self.n_joints)),
             geometry.kinds,
-            *(
-                [f"{scale * value:.6g}" for value in column]
-                for scale, column in (
-                    (np.degrees(1.0), geometry.alpha),
-                    (1.0, geometry.d),
-                    (np.degrees(1.0), geometry.theta),
-                    (1.0, geometry.r),
-                )
-            ),
+            *([f"{value:.6g}" for value in column] for column in columns),
             strict=True,
         )
         head = ("joint", "kind", "alpha (deg)", "d (m)", "theta (deg)", "r (m)")

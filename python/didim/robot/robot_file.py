@@ -19,7 +19,7 @@ from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
-from .correspondence import read_correspondence
+from .correspondence import read_correspondence, read_origins
 from .friction import read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
@@ -180,6 +180,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     if table.has("springs"):
         friction = read_springs(table.table("springs"), kinds[:n], friction)
     named, own = _parameter_sets(table.part("parameters"), standard)
+    origins = read_origins(table.part("identified"))
     collision = read_capsules(table.tables("collision", []), len(kinds))
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
@@ -205,6 +206,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         collision=collision,
         standard=standard,
         notes=tuple(angles.notes(path.name)),
+        origins=origins,
         _named=named,
         _own=own,
     )
