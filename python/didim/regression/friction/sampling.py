@@ -2,7 +2,8 @@
 
 Central differences, `h` s apart, lose ``h^2 / 6`` of the second derivative of a velocity and, taken twice, ``h^2 / 3`` of that of
 an acceleration. Where a joint reverses, its acceleration jumps with Coulomb friction, so the velocity is wrong just where
-friction depends on it, at the jump by a quarter of its second difference. A torque that a digital controller holds between
+friction depends on it, at the jump by a quarter of its second difference. Slow motion has its loss back, so what is left of a
+jump has the form of fourth and sixth differences. A torque that a digital controller holds between
 samples, or that is recorded a part of a sample beside the positions, differs by shares of its first and second differences, here
 of links and rotors, since those of Coulomb friction would hide other laws at reversals. Friction of a ``sign`` turns within a
 small velocity that its model leaves open. Each error is known but for its amount at each joint, so the test for missing friction
@@ -46,8 +47,8 @@ def sampling_errors(
     Returns
     -------
     list of list of ndarray, shape (n_samples, n_dof)
-        By error and part (N.m or N, joint side): of velocities, of accelerations and velocities at a jump, of time, of holding,
-        and, without a unit, of the turn of a ``sign``.
+        By error and part (N.m or N, joint side): of velocities, of accelerations and velocities at a jump, twice of fast
+        velocities, of time, of holding, and, without a unit, of the turn of a ``sign``.
     """
     errors = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
     return [list(error) for error in zip(*errors, strict=True)]
@@ -57,9 +58,14 @@ def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
     """Return the errors along one part."""
     q, dq, ddq = part.q, part.dq, part.ddq
     torque, bend = inverse_dynamics(robot, q, dq, ddq, x), _curvature(dq)
+    sharper = _curvature(bend)
     errors = [
         inverse_dynamics(robot, q, dq - bend / 6.0, ddq, x) - torque,
         inverse_dynamics(robot, q, dq - bend / 4.0, ddq - _curvature(ddq) / 3.0, x) - torque,
+        *(
+            inverse_dynamics(robot, q, dq - faster / 6.0, ddq, x) - torque
+            for faster in (sharper, _curvature(sharper))
+        ),
         np.gradient(rigid, axis=0),
         _curvature(rigid),
     ]
