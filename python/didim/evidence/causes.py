@@ -112,23 +112,29 @@ class Search:
     def cause(self) -> Cause | None:
         """Return the cause that explains the log, or None."""
         rows = self.rows
-        found = [self._tried(item) for item in signs(rows)]
+        trials = [self._tried(hypothesis) for hypothesis in signs(rows)]
         torn = self._torn_joints()
-        if rows.hopeless and not torn and not any(item.friction for item in found):
+        if rows.hopeless and not torn and not any(hypothesis.friction for hypothesis in trials):
             return None
         for family in OF_TORQUES:
-            found += [self._tried(item) for item in family(rows)]
-        found += [self._tried(item) for item in self._promising()]
-        found = [item for item in found if np.isfinite(item.d)]
-        near = sorted((item for item in found if item.d <= SCREEN), key=lambda item: item.d)[:MOST_DECIDED]
-        known = {id(item.hypothesis) for item in near}
+            trials += [self._tried(hypothesis) for hypothesis in family(rows)]
+        trials += [self._tried(hypothesis) for hypothesis in self._promising()]
+        trials = [hypothesis for hypothesis in trials if np.isfinite(hypothesis.d)]
+        near = sorted(
+            (hypothesis for hypothesis in trials if hypothesis.d <= SCREEN),
+            key=lambda hypothesis: hypothesis.d,
+        )[:MOST_DECIDED]
+        known = {id(hypothesis.hypothesis) for hypothesis in near}
         near += [
-            item
-            for item in found
-            if id(item.hypothesis) not in known
-            and (item.friction or (item.hypothesis.turns and item.hypothesis.joints[0] in torn))
+            hypothesis
+            for hypothesis in trials
+            if id(hypothesis.hypothesis) not in known
+            and (
+                hypothesis.friction
+                or (hypothesis.hypothesis.turns and hypothesis.hypothesis.joints[0] in torn)
+            )
         ]
-        return None if not near else self._named([self._decided(item) for item in near])
+        return None if not near else self._named([self._decided(hypothesis) for hypothesis in near])
 
     def _promising(self) -> list[Hypothesis]:
         """Return the hypotheses with columns of their own that pass the screening, the best first."""
@@ -136,17 +142,17 @@ class Search:
         scored: list[tuple[float, Hypothesis]] = []
         families = OF_SIGNS if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)
         for family in (*families, *OF_READINGS) if self._readings else families:
-            for item in family(rows):
-                d = rows.rough(item) if family is not scales else self._fell(item)
-                if item.turns and item.joints[0] in torn:
+            for hypothesis in family(rows):
+                d = rows.rough(hypothesis) if family is not scales else self._fell(hypothesis)
+                if hypothesis.turns and hypothesis.joints[0] in torn:
                     d = min(d, SCREEN)
                 if d <= SCREEN:
-                    scored.append((d, item))
+                    scored.append((d, hypothesis))
         scored.sort(key=lambda pair: pair[0])
-        return [item for _, item in scored[:MOST_EXACT]]
+        return [hypothesis for _, hypothesis in scored[:MOST_EXACT]]
 
-    def _fell(self, item: Hypothesis) -> float:
-        return float(np.sum(np.log(self.rows.seen(item) / self.rows.declared_seen)))
+    def _fell(self, hypothesis: Hypothesis) -> float:
+        return float(np.sum(np.log(self.rows.seen(hypothesis) / self.rows.declared_seen)))
 
     def _torn_joints(self) -> tuple[int, ...]:
         """Return the joints, from 1, whose torques only parameters of no robot explain."""
@@ -158,31 +164,35 @@ class Search:
             self._torn = tuple(int(joint) + 1 for joint in np.flatnonzero(cost > TORN))
         return self._torn
 
-    def _products(self, item: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
-        if item not in self._columns:
-            self._columns[item] = self.rows.exact(item)
-        return self._columns[item]
+    def _products(self, hypothesis: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+        if hypothesis not in self._columns:
+            self._columns[hypothesis] = self.rows.exact(hypothesis)
+        return self._columns[hypothesis]
 
-    def _tried(self, item: Hypothesis) -> Tried:
-        found = self._products(item)
-        return Tried(item, float("inf")) if found is None else tried(self.rows, item, found[2], found[1])
+    def _tried(self, hypothesis: Hypothesis) -> Tried:
+        solved = self._products(hypothesis)
+        return (
+            Tried(hypothesis, float("inf"))
+            if solved is None
+            else tried(self.rows, hypothesis, solved[2], solved[1])
+        )
 
     def _decided(self, plain: Tried) -> Tried:
         """Return a trial with D of the consistent fit, and whether another log confirms it."""
-        item = plain.hypothesis
-        found = self._products(item)
+        hypothesis = plain.hypothesis
+        solved = self._products(hypothesis)
         self._torn_joints()
-        if found is None or self._held is None:
+        if solved is None or self._held is None:
             return plain
-        mixing = item.mixing(self.rows.n)
+        mixing = hypothesis.mixing(self.rows.n)
         y: Array = np.linalg.inv(mixing) @ self.rows.y  # the torques of the joints, not of the channels
-        held = self.rows.consistent(item.robot or self.rows.robot, found[0], y)
+        held = self.rows.consistent(hypothesis.robot or self.rows.robot, solved[0], y)
         if held is None:
             return replace(plain, d_consistent=float("inf"))
         squares = np.sum((mixing @ held) ** 2, axis=1)
         d = float(np.sum(np.log(squares / self._held)))
-        refused, seen = plain.refused, found[2].seen(item.order, item.factors)
-        if not refused and d <= HINT and self._contradicted(item, found[2]):
+        refused, seen = plain.refused, solved[2].seen(hypothesis.order, hypothesis.factors)
+        if not refused and d <= HINT and self._contradicted(hypothesis, solved[2]):
             refused = "other-log"
         elif not refused:
             size = self.rows.products.y.sum(axis=1)
@@ -190,49 +200,51 @@ class Search:
             refused = "no-robot" if after > max(ROBOT, HEALED * before) else ""
         return replace(plain, d_consistent=d, refused=refused)
 
-    def _contradicted(self, item: Hypothesis, products: Products) -> bool:
+    def _contradicted(self, hypothesis: Hypothesis, products: Products) -> bool:
         """Whether another log of the robot is predicted no better."""
         if self.other is None or self.other.n != self.rows.n:
             return False
-        found = self.other.exact(item)
-        if found is None:
+        solved = self.other.exact(hypothesis)
+        if solved is None:
             return False
-        beta = products.judged(item.order, item.factors).beta
-        after = found[2].predicted(beta, item.order, item.factors)
+        beta = products.judged(hypothesis.order, hypothesis.factors).beta
+        after = solved[2].predicted(beta, hypothesis.order, hypothesis.factors)
         before = self.other.products.predicted(self.rows.declared.beta)
         return float(np.sum(np.log(after / before))) > OTHER_LOG
 
-    def _named(self, found: Sequence[Tried]) -> Cause | None:
+    def _named(self, trials: Sequence[Tried]) -> Cause | None:
         """Return the cause by the rule, or None."""
-        order = sorted(found, key=lambda item: item.decisive)
-        by_friction = [item for item in order if item.friction and item.decisive < FRICTION_SLACK]
+        order = sorted(trials, key=lambda trial: trial.decisive)
+        by_friction = [trial for trial in order if trial.friction and trial.decisive < FRICTION_SLACK]
         best = order[0]
         limit = min(best.decisive + MARGIN, HINT)
-        ties = [item for item in order if item.decisive <= limit and not item.refused]
-        if best.decisive <= HINT and not best.refused and any(confirmed(item) for item in ties):
+        ties = [trial for trial in order if trial.decisive <= limit and not trial.refused]
+        if best.decisive <= HINT and not best.refused and any(confirmed(trial) for trial in ties):
             return Cause(tuple(_distinct(ties)), certain=best.decisive <= NAMED and best.growth <= GROWN)
         if by_friction and not (best.decisive <= HINT and best.refused):
             return Cause(tuple(_distinct(by_friction)), certain=True)
         return None
 
 
-def tried(rows: Declared, item: Hypothesis, products: Products, names: Sequence[str]) -> Tried:
+def tried(rows: Declared, hypothesis: Hypothesis, products: Products, names: Sequence[str]) -> Tried:
     """Return a hypothesis applied, fitted again and judged on blocks left out; `products` and `names` of its own columns."""
-    judged, declared = products.judged(item.order, item.factors), rows.declared
+    judged, declared = products.judged(hypothesis.order, hypothesis.factors), rows.declared
     d, refused, friction = judged.against(declared), "", False
-    if item.at_end:
+    if hypothesis.at_end:
         refused = "at-end"
-    elif item.turns:
-        before = friction_sigmas(rows.names, declared, item.joints)
-        after = friction_sigmas(names, judged, item.joints)
+    elif hypothesis.turns:
+        before = friction_sigmas(rows.names, declared, hypothesis.joints)
+        after = friction_sigmas(names, judged, hypothesis.joints)
         friction = max(before) < -FRICTION_SIGMAS and min(after) > FRICTION_SIGMAS and d < FRICTION_SLACK
         refused = "friction" if min(after) < min(-NEGATIVE_SIGMAS, min(before)) else ""
-    elif item.order is not None and not item.needs_columns:
-        pair = [joint - 1 for joint in item.joints]
+    elif hypothesis.order is not None and not hypothesis.needs_columns:
+        pair = [joint - 1 for joint in hypothesis.joints]
         both = judged.unseen[pair].sum(axis=1) < declared.unseen[pair].sum(axis=1)
         refused = "" if both.all() else "one-channel"
-    growth = float(np.sqrt(judged.unseen.sum() / products.seen(item.order, item.factors).sum()))
-    return Tried(item, d, judged.better_blocks(declared), growth=growth, friction=friction, refused=refused)
+    growth = float(np.sqrt(judged.unseen.sum() / products.seen(hypothesis.order, hypothesis.factors).sum()))
+    return Tried(
+        hypothesis, d, judged.better_blocks(declared), growth=growth, friction=friction, refused=refused
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,14 +268,18 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
     if not (products.y.sum(axis=1) > 0.0).all():
         return None
     rows = OfSystem(products.n, system.names, products, products.judged())
-    found = [
-        tried(rows, item, products, rows.names) for family in (signs, exchanges) for item in family(rows)
+    trials = [
+        tried(rows, hypothesis, products, rows.names)
+        for family in (signs, exchanges)
+        for hypothesis in family(rows)
     ]
-    best, *_ = order = sorted(found, key=lambda item: item.d)
+    best, *_ = order = sorted(trials, key=lambda hypothesis: hypothesis.d)
     if best.d <= NAMED and best.blocks >= BLOCKS_BETTER:
-        ties = [item for item in order if item.d <= best.d + MARGIN and not item.refused]
+        ties = [
+            hypothesis for hypothesis in order if hypothesis.d <= best.d + MARGIN and not hypothesis.refused
+        ]
         return rows, Cause(tuple(_distinct(ties)), certain=True) if ties else None
-    by_friction = [item for item in order if item.friction]
+    by_friction = [hypothesis for hypothesis in order if hypothesis.friction]
     return rows, Cause(tuple(_distinct(by_friction)), certain=True) if by_friction else None
 
 
@@ -286,18 +302,18 @@ def confirmed(tried: Tried) -> bool:
 
 def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int]) -> list[float]:
     """Return the viscous and Coulomb friction of joints, from 1, in their standard deviations; zero without such columns."""
-    found = []
+    sigmas = []
     kinds = [name.rstrip("+-") for name in names]
     for kind in (f"{kind}{joint}" for joint in joints for kind in ("Fv", "Fc")):
-        places = [place for place, own in enumerate(kinds) if own == kind]
+        places = [index for index, own in enumerate(kinds) if own == kind]
         std = np.maximum(judged.std[places], 1e-9 * np.abs(judged.beta[places]) + 1e-300)
-        found += (judged.beta[places] / std).tolist()
-    return found or [0.0]
+        sigmas += (judged.beta[places] / std).tolist()
+    return sigmas or [0.0]
 
 
 def _distinct(tried: Iterable[Tried]) -> list[Tried]:
     """Return the best of each kind and joint."""
-    kept: dict[tuple[str, tuple[int, ...]], Tried] = {}
-    for item in tried:
-        kept.setdefault((item.hypothesis.code, item.hypothesis.joints), item)
-    return list(kept.values())
+    distinct: dict[tuple[str, tuple[int, ...]], Tried] = {}
+    for trial in tried:
+        distinct.setdefault((trial.hypothesis.code, trial.hypothesis.joints), trial)
+    return list(distinct.values())

@@ -105,7 +105,7 @@ def judged(
     """
     # CLOE from positions alone has no use for torques.
     findings = constant_torque_findings(experiment) if uses_torques else []
-    of_fit = [item for item in experiment.recordings if item.role == "fit"]
+    of_fit = [recording for recording in experiment.recordings if recording.role == "fit"]
     along = by_law if measured is None else measured
     rows = None if along is None else _rows(along, of_fit)
     if fit.n_simulations:
@@ -150,11 +150,11 @@ def _along(
     if not system_tested:
         own = None if by_law is None else _residual(by_law, fit)
         findings += _lasting(residual, fit) if own is None else _lasting(own, replace(fit, uncertainty=None))
-    spoiled = any(item.code in ("spikes", "constant-torque") for item in findings)
+    spoiled = any(finding.code in ("spikes", "constant-torque") for finding in findings)
     if spoiled:
         # What outliers do to the law of the controller and to a simulated robot is not theirs.
-        findings = [item for item in findings if not item.code.startswith("controller")]
-    codes = {item.code for item in (*findings, *fit.evidence)}
+        findings = [finding for finding in findings if not finding.code.startswith("controller")]
+    codes = {finding.code for finding in (*findings, *fit.evidence)}
     explicable = "constant-torque" not in codes and not fit.overall_relative_error <= ROUNDING
     if rows is not None:
         alarm = None if fit.uncertainty is None else fit.uncertainty.friction
@@ -164,12 +164,14 @@ def _along(
                 say("the log contradicts its model: looking for the cause")
                 # The cause stands before what follows from it.
                 findings = [*explained(rows, measured, fit), *findings]
-                fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
+                fit = replace(
+                    fit, evidence=tuple(finding for finding in fit.evidence if "ties" not in finding.facts)
+                )
             else:
                 findings += _delay(rows, fit)
     by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
     if explicable and by_law_rows is not None and by_law is not None:
-        findings = [item for item in findings if item.code != "friction"]
+        findings = [finding for finding in findings if finding.code != "friction"]
         findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
     uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth, measured.system)
     return fit, [*findings, *uncertain], uses
@@ -247,10 +249,10 @@ def _simulated(
 ) -> list[Finding]:
     """Return what the simulated robot says against a result, for logs that share all parameters."""
     record = fit.settings.get("simulated")
-    shared = all(item.payload == NOTHING and not item.own for item in experiment.recordings)
+    shared = all(each.payload == NOTHING and not each.own for each in experiment.recordings)
     if not (record and fit.converged and shared and measured is not None):
         return []
     doubted = doubted or any(
-        item.code == "not-white" and (item.effect or 0.0) > NEGLIGIBLE for item in fit.evidence
+        each.code == "not-white" and (each.effect or 0.0) > NEGLIGIBLE for each in fit.evidence
     )
     return simulated_findings(experiment, MotionComparison.of_record(record), measured.least, doubted=doubted)

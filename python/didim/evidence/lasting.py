@@ -74,17 +74,17 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
             rows,
             included=fit.uncertainty.kind == "jackknife",
         )
-    found = []
+    trials = []
     for law, columns in laws(rows):
         if tested and law != "asymmetric":
             continue
         judged = rows.with_columns(columns).judged()
         d = judged.against(rows.declared)
         if d <= FRICTION_D and judged.better_blocks(rows.declared) >= BLOCKS_BETTER:
-            found.append((d, law, judged))
-    if not found:
+            trials.append((d, law, judged))
+    if not trials:
         return []
-    _, law, judged = min(found, key=lambda item: item[0])
+    _, law, judged = min(trials, key=lambda trial: trial[0])
     ratio = judged.unseen.sum(axis=1) / rows.declared.unseen.sum(axis=1)
     joints = np.flatnonzero(ratio <= max(CLEARLY, float(ratio.min())))
     shift = shifts(rows, judged, std)
@@ -181,14 +181,14 @@ def laws(rows: LogRows) -> Iterator[tuple[str, Array]]:
     dq = [part.dq for part in rows.parts]
     top = np.maximum(np.max([np.abs(values).max(axis=0) for values in dq], axis=0), 1e-9)
     sign = [np.tanh(values / _smoothing(rows, top)) for values in dq]
-    found: list[tuple[str, list[Array]]] = []
+    laws_tested: list[tuple[str, list[Array]]] = []
     if friction.model != "asymmetric":
-        found.append(("asymmetric", [np.maximum(v, 0.0) for v in dq]))
+        laws_tested.append(("asymmetric", [np.maximum(v, 0.0) for v in dq]))
     if not any(term.law in FALLING for term in friction.terms):
         for share in SPEEDS:
             falls = [s * np.exp(-((v / (share * top)) ** 2)) for v, s in zip(dq, sign, strict=True)]
-            found.append(("stribeck", falls))
-    for law, signals in found:
+            laws_tested.append(("stribeck", falls))
+    for law, signals in laws_tested:
         values = rows.reduced(signals)
         columns = np.zeros((n, values.shape[1], n))
         columns[np.arange(n), :, np.arange(n)] = values

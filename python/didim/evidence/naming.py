@@ -18,17 +18,17 @@ def cause_findings(rows: Declared, cause: Cause | None) -> list[Finding]:
     if cause is None:
         return []
     best, *ties = cause.tried
-    item = best.hypothesis
+    hypothesis = best.hypothesis
     return [
         Finding(
-            code=item.code,
+            code=hypothesis.code,
             grade="wrong" if cause.certain else "doubtful",
-            joints=item.joints,
-            value=item.value,
+            joints=hypothesis.joints,
+            value=hypothesis.value,
             effect=best.decisive,
             remedy=remedy_of(best),
             facts={
-                **item.facts,
+                **hypothesis.facts,
                 "left": float(np.exp(best.decisive / (2.0 * rows.n))),
                 "blocks": best.blocks,
                 "friction": _friction(rows, best) if best.friction else None,
@@ -40,8 +40,8 @@ def cause_findings(rows: Declared, cause: Cause | None) -> list[Finding]:
 
 def torque_findings(system: LinearSystem) -> list[Finding]:
     """Return the wrong sign or the exchange of torques that a linear system (7) shows by itself; empty for a correct log."""
-    found = cause_of_torques(system)
-    return [] if found is None else cause_findings(*found)
+    cause = cause_of_torques(system)
+    return [] if cause is None else cause_findings(*cause)
 
 
 REMEDIES: dict[
@@ -63,30 +63,30 @@ REMEDIES: dict[
 
 def remedy_of(tried: Tried) -> Remedy | None:
     """Return the edit of a file that a cause asks for; None where the file does not say enough."""
-    item = tried.hypothesis
-    facts: Mapping[str, Any] = item.facts
-    if item.code not in REMEDIES or facts.get("urdf"):
+    hypothesis = tried.hypothesis
+    facts: Mapping[str, Any] = hypothesis.facts
+    if hypothesis.code not in REMEDIES or facts.get("urdf"):
         return None
-    file, table, key, action = REMEDIES[item.code]
-    value: Any = item.value
-    if item.code == "gravity":
+    file, table, key, action = REMEDIES[hypothesis.code]
+    value: Any = hypothesis.value
+    if hypothesis.code == "gravity":
         value = list(facts["vector"])
-    elif item.code == "dh-convention":
+    elif hypothesis.code == "dh-convention":
         value = "mdh" if facts.get("standard") else "dh"
-    elif item.code == "unit":
+    elif hypothesis.code == "unit":
         value = facts["unit"]
     key = key or str(facts["symbol"])
-    joints = (int(facts["row"]),) if "row" in facts else item.joints
+    joints = (int(facts["row"]),) if "row" in facts else hypothesis.joints
     return Remedy(file=file, table=table, key=key, action=action, value=value, joints=joints)
 
 
 def _tie(tried: Tried) -> dict[str, Any]:
-    item = tried.hypothesis
+    hypothesis = tried.hypothesis
     return {
-        "code": item.code,
-        "joints": list(item.joints),
-        "value": item.value,
-        "facts": dict(item.facts),
+        "code": hypothesis.code,
+        "joints": list(hypothesis.joints),
+        "value": hypothesis.value,
+        "facts": dict(hypothesis.facts),
         "effect": tried.decisive,
     }
 

@@ -17,7 +17,7 @@ from ..result.finding import Finding, Grade
 
 def physical_findings(flags: Sequence[Flag]) -> list[Finding]:
     """Return a finding for each flag, as grave as it is significant."""
-    found = []
+    findings = []
     for flag in flags:
         known = np.isfinite(flag.sigmas)
         grade: Grade = "note" if known and flag.sigmas < NOISE_SIGMAS else "doubtful"
@@ -27,7 +27,7 @@ def physical_findings(flags: Sequence[Flag]) -> list[Finding]:
             if friction
             else "Take physical = true (--physical) for parameters that a simulation can use"
         )
-        found.append(
+        findings.append(
             Finding(
                 code="not-physical",
                 grade=grade,
@@ -36,4 +36,4 @@ def physical_findings(flags: Sequence[Flag]) -> list[Finding]:
                 facts={"text": flag.sentence, "advice": "" if grade == "note" else advice},
             )
         )
-    return found
+    return findings

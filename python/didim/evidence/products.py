@@ -152,15 +152,15 @@ class Products:
     def judged(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Judged:
         """Return the errors where channel c is predicted by the rows of joint ``order[c]`` times ``factors[c]``."""
         unseen, beta, std = np.empty(self.g.shape[:2]), np.zeros(len(self.scale)), np.zeros(len(self.scale))
-        for channels, columns, found in self._by_part("judged", order, factors):
-            unseen[channels], beta[columns], std[columns] = found
+        for channels, columns, errors in self._by_part("judged", order, factors):
+            unseen[channels], beta[columns], std[columns] = errors
         return Judged(unseen, beta / self.scale, std / self.scale)
 
     def seen(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
         """Return the squared errors of the channels in sample, (n,): a third of the work of `judged`."""
         squares = np.empty(self.n)
-        for channels, _, (found,) in self._in_sample._by_part("seen", order, factors):
-            squares[channels] = found
+        for channels, _, (errors,) in self._in_sample._by_part("seen", order, factors):
+            squares[channels] = errors
         return squares
 
     @cached_property

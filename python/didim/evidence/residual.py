@@ -104,7 +104,7 @@ def residual_of(
         torques.append(row_values(part.tau, signal).T)
     blocks = stacked(
         robot.n_dof,
-        [item.shape[1] for item in errors],
+        [errors_of_joint.shape[1] for errors_of_joint in errors],
         places=[(part.recording, part.window) for part in parts],
         correlation=noise_correlation(signal),
     )
@@ -116,26 +116,26 @@ def residual_of(
     )
 
 
-def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False) -> list[Finding]:
+def size_findings(residual: Residual, growth: float = 1.0, *, chosen: bool = False) -> list[Finding]:
     """Return a finding where the model misses more of the torques than a sound result does.
 
     `growth` is the error of blocks left out over that of the same blocks fitted: torques that nothing was fitted to count.
     `chosen` is whether friction terms were chosen already, so choosing them is not advised again.
     """
-    share, size = found.share(growth), max(float(np.linalg.norm(found.size)), np.finfo(float).tiny)
-    error = float(np.linalg.norm(found.error) / np.sqrt(found.error.shape[1]) / size)
+    share, size = residual.share(growth), max(float(np.linalg.norm(residual.size)), np.finfo(float).tiny)
+    error = float(np.linalg.norm(residual.error) / np.sqrt(residual.error.shape[1]) / size)
     # Torques predicted no better than by zero do not belong to this robot, whether they are noise or not.
     useless = error > SIZE_WRONG and growth * error > USELESS
     if useless:
         share = growth * error
     if not share > SIZE_DOUBTFUL:
         return []
-    shares = found.lasting(growth) / np.maximum(found.size, np.finfo(float).tiny)
-    joints = np.flatnonzero((shares > max(SIZE_JOINT, share)) & (found.size > 0.0))
+    shares = residual.lasting(growth) / np.maximum(residual.size, np.finfo(float).tiny)
+    joints = np.flatnonzero((shares > max(SIZE_JOINT, share)) & (residual.size > 0.0))
     return [
         Finding(
             code="size",
-            grade="wrong" if useless or found.share() > SIZE_WRONG else "doubtful",
+            grade="wrong" if useless or residual.share() > SIZE_WRONG else "doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
             value=share,
             effect=share,
@@ -192,24 +192,24 @@ def held_out_findings(fit: Identification) -> list[Finding]:
     if fit.uncertainty is None or fit.uncertainty.joint_std is None:
         return []
     own = np.asarray(fit.uncertainty.joint_std)
-    found = []
-    for item in fit.held_out:
-        error, share = np.array(item.error_rms), np.nan_to_num(item.relative_error)
+    findings = []
+    for each in fit.held_out:
+        error, share = np.array(each.error_rms), np.nan_to_num(each.relative_error)
         if error.shape != own.shape:
             continue
         ratio = error / np.maximum(own, np.finfo(float).tiny)
         joints = np.flatnonzero((ratio > LARGER) & (share > NEGLIGIBLE))
         if not len(joints):
             continue
-        found.append(
+        findings.append(
             Finding(
                 code="held-out",
                 grade="doubtful",
                 joints=tuple(int(joint) + 1 for joint in joints),
-                recordings=(item.name,),
+                recordings=(each.name,),
                 value=float(ratio[joints].max()),
                 effect=float(share[joints].max()),
                 facts={"share": float(share[joints].max()), "ratios": ratio[joints].tolist()},
             )
         )
-    return found
+    return findings

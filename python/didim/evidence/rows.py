@@ -100,7 +100,7 @@ class LogRows:
         self.logs = _linear(LogParameters(robot, (), {}, {}, {}) if logs is None else logs, self.robot)
         self.signal, self.recordings, self.known = signal, recordings, known
         self.origin: Mapping[str, Any] = recordings[0].origin if recordings else {}
-        self.timed = all("time" in item.origin for item in recordings)
+        self.timed = all("time" in recording.origin for recording in recordings)
         self.parts = stretches(parts, samples_wanted(signal, parts))
         self._log = parts
         self._thin = 1
@@ -132,11 +132,13 @@ class LogRows:
         """Base parameters of the robot as declared, (b,)."""
         return self.declared.beta[: self.logs.n_base]
 
-    def under(self, item: Hypothesis) -> LogRows:
+    def under(self, hypothesis: Hypothesis) -> LogRows:
         """Return the rows as a hypothesis reads the log."""
-        undone = np.linalg.inv(item.mixing(self.n)).T
-        parts = [replace(part, tau=part.tau @ undone) for part in self._moved(item)]
-        return LogRows(item.robot or self.robot, self.signal, parts, self.recordings, self.known, self.logs)
+        undone = np.linalg.inv(hypothesis.mixing(self.n)).T
+        parts = [replace(part, tau=part.tau @ undone) for part in self._moved(hypothesis)]
+        return LogRows(
+            hypothesis.robot or self.robot, self.signal, parts, self.recordings, self.known, self.logs
+        )
 
     @cached_property
     def declared_seen(self) -> Array:
@@ -164,56 +166,60 @@ class LogRows:
             None if self.known is None else self.robot.base_parameters.lift(self.known),
         )
 
-    def rough(self, item: Hypothesis) -> float:
+    def rough(self, hypothesis: Hypothesis) -> float:
         """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""
-        return float(np.sum(np.log(self.rough_ratios(item))))
+        return float(np.sum(np.log(self.rough_ratios(hypothesis))))
 
-    def rough_ratios(self, item: Hypothesis) -> Array:
+    def rough_ratios(self, hypothesis: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n,), in sample."""
-        links = links_with(self.robot, (joint - 1 for joint in item.joints))
+        links = links_with(self.robot, (joint - 1 for joint in hypothesis.joints))
         if 0 < len(links) < self.robot.n_joints:
             if links not in self._screened_limbs:
                 limb = limb_of(self.robot, links)
                 self._screened_limbs[links] = limb, self.screened.of_limb(limb)
             limb, screened = self._screened_limbs[links]
-            own = item.within(limb, self.robot)
+            own = hypothesis.within(limb, self.robot)
             if own is not None:  # the other limbs are as declared
                 ratios = np.ones(self.n)
                 ratios[list(limb.joints)] = screened.ratios(own)
                 return ratios
-        return self.screened.ratios(item)
+        return self.screened.ratios(hypothesis)
 
-    def seen(self, item: Hypothesis) -> Array:
+    def seen(self, hypothesis: Hypothesis) -> Array:
         """Return the squared errors of the channels in sample, (n,); infinity where they cannot be computed."""
-        found = self.exact(item)
-        return np.full(self.n, math.inf) if found is None else found[2].seen(item.order, item.factors)
+        solved = self.exact(hypothesis)
+        return (
+            np.full(self.n, math.inf)
+            if solved is None
+            else solved[2].seen(hypothesis.order, hypothesis.factors)
+        )
 
-    def exact(self, item: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+    def exact(self, hypothesis: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
         """Return columns as those of a fit, (n, n_rows, p), names and products; None where they cannot be computed."""
-        if not item.needs_columns:
+        if not hypothesis.needs_columns:
             return self.w, self.names, self.products
         try:
-            w, _, names = self._system(item.robot or self.robot, self._moved(item))
+            w, _, names = self._system(hypothesis.robot or self.robot, self._moved(hypothesis))
         except DidimError:
             return None
         w = np.ascontiguousarray(w[:, :: self._thin])
-        channels = w if item.torque is None else np.tensordot(item.torque, w, 1)
+        channels = w if hypothesis.torque is None else np.tensordot(hypothesis.torque, w, 1)
         return w, names, Products.of(channels, self.y, given=self.known)
 
-    def _moved(self, item: Hypothesis) -> list[Segment]:
-        if item.position is None and item.rate == 1.0:
+    def _moved(self, hypothesis: Hypothesis) -> list[Segment]:
+        if hypothesis.position is None and hypothesis.rate == 1.0:
             return self.parts
-        a = np.eye(self.n) if item.position is None else item.position.T
-        r = item.rate
+        a = np.eye(self.n) if hypothesis.position is None else hypothesis.position.T
+        r = hypothesis.rate
         return [
             replace(part, q=part.q @ a, dq=r * part.dq @ a, ddq=r**2 * part.ddq @ a) for part in self.parts
         ]
 
     def reduced(self, signals: Sequence[Array]) -> Array:
         """Return signals of each part, (n_samples, n) each, on the rows, (n, n_rows)."""
-        kept = self.signal.kept_rows
-        found = [decimate(values, decimation_stages(len(values), self.signal))[kept] for values in signals]
-        return np.ascontiguousarray(np.concatenate(found)[:: self._thin].T)
+        rows = self.signal.kept_rows
+        reduced = [decimate(values, decimation_stages(len(values), self.signal))[rows] for values in signals]
+        return np.ascontiguousarray(np.concatenate(reduced)[:: self._thin].T)
 
     def with_columns(self, columns: Array) -> Products:
         """Return the products with further columns, (n, n_rows, m)."""
@@ -279,9 +285,10 @@ def _linear(logs: LogParameters, robot: Robot) -> LogParameters:
     """Return what logs have beside a robot that some terms of friction were taken from."""
     if robot is logs.robot:
         return logs
-    kept = [logs.robot.parameter_names.index(name) for name in robot.parameter_names]
+    chosen = [logs.robot.parameter_names.index(name) for name in robot.parameter_names]
     columns, known = (
-        {number: values[kept] for number, values in items.items()} for items in (logs.columns, logs.known)
+        {number: values[chosen] for number, values in per_recording.items()}
+        for per_recording in (logs.columns, logs.known)
     )
     return replace(logs, robot=robot, columns=columns, known=known)
 

@@ -132,24 +132,24 @@ class ScreenedRows:
             None if self.given is None else self.given[limb.indices],
         )
 
-    def ratios(self, item: Hypothesis) -> Array:
+    def ratios(self, hypothesis: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n_dof,), in sample."""
-        key = id(item.robot), _bytes(item.position), item.rate, _bytes(item.torque)
+        key = id(hypothesis.robot), _bytes(hypothesis.position), hypothesis.rate, _bytes(hypothesis.torque)
         if key not in self._latest:
             self._latest.clear()
             try:
-                self._latest[key] = item, self._products(self._moved(item), item.torque)
+                self._latest[key] = hypothesis, self._products(self._moved(hypothesis), hypothesis.torque)
             except DidimError:
                 return np.full(len(self.torque), math.inf)
-        return self._latest[key][1].seen(item.order, item.factors) / self._declared
+        return self._latest[key][1].seen(hypothesis.order, hypothesis.factors) / self._declared
 
-    def _moved(self, item: Hypothesis) -> Array:
-        if item.robot is not None:
-            return self.screen.of_robot(item.robot)
-        if item.position is None and item.rate == 1.0:
+    def _moved(self, hypothesis: Hypothesis) -> Array:
+        if hypothesis.robot is not None:
+            return self.screen.of_robot(hypothesis.robot)
+        if hypothesis.position is None and hypothesis.rate == 1.0:
             return self.screen.exact[:, :, self.screen.base]
         return self.screen.of_motion(
-            np.eye(len(self.torque)) if item.position is None else item.position, item.rate
+            np.eye(len(self.torque)) if hypothesis.position is None else hypothesis.position, hypothesis.rate
         )
 
     @cached_property

@@ -35,14 +35,14 @@ def is_constant(values: Array) -> bool:
 
 def constant_torque_findings(experiment: Experiment) -> list[Finding]:
     """Return a finding for each recording with torques that never change, or by noise alone though their joints move."""
-    found = []
+    findings = []
     for recording in experiment.recordings:
         if recording.tau is None:
             continue
         tau, side = _as_logged(recording, recording.tau)
         dead = [number + 1 for number, values in enumerate(tau.T) if is_constant(values)]
         if dead:
-            found.append(
+            findings.append(
                 Finding(
                     code="constant-torque",
                     grade="wrong",
@@ -55,7 +55,7 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
         if flat:
             means = recording.tau.mean(axis=0)[flat].tolist()
             joints = tuple(joint + 1 for joint in flat)
-            found.append(
+            findings.append(
                 Finding(
                     code="constant-torque",
                     grade="doubtful",
@@ -64,7 +64,7 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
                     facts={"means": means},
                 )
             )
-    return found
+    return findings
 
 
 def _flat(recording: Recording, tau: Array) -> list[int]:
@@ -115,14 +115,14 @@ def following_findings(output_error: float, *, updating: bool = True) -> list[Fi
     return [Finding(code="controller", grade="wrong", value=output_error, facts={"updating": updating})]
 
 
-def contradiction_findings(found: Sequence[Contradiction]) -> list[Finding]:
+def contradiction_findings(contradictions: Sequence[Contradiction]) -> list[Finding]:
     """Return a finding for each contradiction between torques and physics (`didim.regression.consistent.diagnosis`)."""
     return [
         Finding(
             code="no-robot",
-            grade="wrong" if item.hopeless else "doubtful",
-            effect=item.constrained,
-            facts={"plain": item.plain, "constrained": item.constrained},
+            grade="wrong" if contradiction.hopeless else "doubtful",
+            effect=contradiction.constrained,
+            facts={"plain": contradiction.plain, "constrained": contradiction.constrained},
         )
-        for item in found
+        for contradiction in contradictions
     ]

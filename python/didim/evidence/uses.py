@@ -168,9 +168,9 @@ def uses_of(
 
 def _missed(fit: Identification, residual: Residual, growth: float) -> tuple[float, str]:
     """Return what is missed of torques that were not fitted, the norm over the joints, and where it comes from."""
-    outside = [item for item in fit.held_out if len(item.error_rms) == len(residual.size)]
+    outside = [each for each in fit.held_out if len(each.error_rms) == len(residual.size)]
     if outside:
-        worst = max(outside, key=lambda item: item.overall_relative_error)
+        worst = max(outside, key=lambda each: each.overall_relative_error)
         return float(np.linalg.norm(worst.error_rms)), f"as on recording '{worst.name}', which was held out"
     own = np.sqrt(np.mean(residual.error**2, axis=1))
     return growth * float(np.linalg.norm(own)), "as on blocks of the log that were left out"

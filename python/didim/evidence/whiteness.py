@@ -80,27 +80,27 @@ def whiteness(residual: Array, blocks: Sequence[Block], n_joints: int) -> Whiten
             known = np.asarray(own[0].correlation)[:lags]
             expected[: len(known)] = known
         weight = 1.0 - np.arange(1, lags) / lags
-        found, of_noise = (2.0 * float(weight @ rho[1:]) for rho in (sums / sums[0], expected))
-        growth[joint] = np.sqrt(max(1.0 + found, 0.0) / max(1.0 + of_noise, 0.1))
-        sigmas[joint] = (found - of_noise) / (2.0 * np.sqrt(float(weight @ weight) / n_rows))
+        correlation, of_noise = (2.0 * float(weight @ rho[1:]) for rho in (sums / sums[0], expected))
+        growth[joint] = np.sqrt(max(1.0 + correlation, 0.0) / max(1.0 + of_noise, 0.1))
+        sigmas[joint] = (correlation - of_noise) / (2.0 * np.sqrt(float(weight @ weight) / n_rows))
     return Whiteness(growth, sigmas)
 
 
 def whiteness_findings(
-    found: Whiteness, relative_error: Array, uncertainty: Uncertainty | None, std: Array
+    measured: Whiteness, relative_error: Array, uncertainty: Uncertainty | None, std: Array
 ) -> list[Finding]:
     """Return a finding where residuals last that are not negligible.
 
     Parameters
     ----------
-    found : Whiteness
+    measured : Whiteness
         Of the residual.
     relative_error : (n_dof,) array
         Error of each joint's torque over that torque.
     uncertainty, std
         How the standard deviations were found, and these, (b,): those of the jackknife have grown already.
     """
-    joints = np.flatnonzero(found.coloured)
+    joints = np.flatnonzero(measured.coloured)
     if not len(joints):
         return []
     large = np.nan_to_num(relative_error[joints]) > NEGLIGIBLE
@@ -110,7 +110,7 @@ def whiteness_findings(
     grade: Grade = "doubtful" if large.any() and not jackknifed else "note"
     facts: dict[str, object] = {
         "shares": relative_error[joints].tolist(),
-        "growth": found.growth[joints].tolist(),
+        "growth": measured.growth[joints].tolist(),
     }
     if jackknifed and uncertainty is not None:
         white = uncertainty.std_white
@@ -120,7 +120,7 @@ def whiteness_findings(
             code="not-white",
             grade=grade,
             joints=tuple(int(joint) + 1 for joint in joints),
-            value=float(found.growth[joints].max()),
+            value=float(measured.growth[joints].max()),
             effect=float(np.nanmax(relative_error[joints])),
             facts=facts,
         )

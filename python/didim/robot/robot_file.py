@@ -151,10 +151,8 @@ def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
 def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     if table.integer("schema") != 1:
         raise RobotError(f"{path.name}: schema must be 1")
-    name = table.text("name", path.stem)
-    description = table.text("description")
-    convention = table.text("convention")
-    gravity = table.numbers("gravity_m_s2", 3)
+    name, description = table.text("name", path.stem), table.text("description")
+    convention, gravity = table.text("convention"), table.numbers("gravity_m_s2", 3)
     angles.follow_file(table.number("snap_rad", None))
     joints = _joints(table)
     kinds = tuple(joint.text("kind") for joint in joints)

@@ -56,13 +56,13 @@ def conventions(rows: LogRows) -> Iterator[Hypothesis]:
     g, robot = rows.robot.geometry, rows.robot
     if len(g.kinds) < 2 or g.mounts:  # the rows of a tree have one convention
         return
-    found = [
+    hypotheses = [
         ("a-and-d", with_geometry(robot, d=tuple(g.r), r=tuple(g.d))),
         ("a-and-d", with_geometry(robot, d=(g.d[0], *g.r[:-1]), r=(*g.d[1:], g.r[-1]))),
     ]
     if robot.correspondence is None:  # a URDF has no convention
-        found.insert(0, ("dh-convention", of_other_convention(robot)))
-    for code, changed in found:
+        hypotheses.insert(0, ("dh-convention", of_other_convention(robot)))
+    for code, changed in hypotheses:
         other = changed.geometry
         if not all(np.allclose(getattr(g, key), getattr(other, key)) for key in ("alpha", "d", "r")):
             yield Hypothesis(code=code, robot=changed, facts={"standard": robot.standard is not None})
@@ -130,5 +130,5 @@ def place_of(robot: Robot, key: str, joint: int) -> dict[str, object]:
     return {"row": row, "urdf": robot.correspondence is not None}
 
 
-def _changed(values: tuple[float, ...], place: int, value: float) -> tuple[float, ...]:
-    return (*values[:place], value, *values[place + 1 :])
+def _changed(values: tuple[float, ...], index: int, value: float) -> tuple[float, ...]:
+    return (*values[:index], value, *values[index + 1 :])

@@ -63,7 +63,9 @@ class Hypothesis:
     @property
     def needs_columns(self) -> bool:
         """Whether the hypothesis changes the columns; otherwise only the reading of torques."""
-        return any(item is not None for item in (self.robot, self.position, self.torque)) or self.rate != 1.0
+        return (
+            any(change is not None for change in (self.robot, self.position, self.torque)) or self.rate != 1.0
+        )
 
     @property
     def turns(self) -> bool:
@@ -79,9 +81,9 @@ class Hypothesis:
         own = np.ix_(at, at)
         for matrix in (self.position, self.mixing(n)):
             if matrix is not None:
-                kept = np.eye(n)
-                kept[own] = matrix[own]
-                if not np.array_equal(kept, matrix):
+                selection = np.eye(n)
+                selection[own] = matrix[own]
+                if not np.array_equal(selection, matrix):
                     return None
         if self.robot is not None:
             before, after = robot.geometry, self.robot.geometry
@@ -145,7 +147,7 @@ def best_factor(
     if not min(bottom(one), cost(factors[one - 1]), cost(factors[one + 1])) < wanted:
         return factors[one], False
     costs = [cost(factor) for factor in factors]
-    found = [
+    optima = [
         minimize_scalar(
             lambda value: cost(float(np.exp(value))),
             bounds=(np.log(factors[k - 1]), np.log(factors[k + 1])),
@@ -155,7 +157,7 @@ def best_factor(
         for k in range(1, len(factors) - 1)
         if costs[k] == min(costs[k - 1 : k + 2])
     ]
-    best = min(found, key=lambda item: float(item.fun), default=None)
+    best = min(optima, key=lambda optimum: float(optimum.fun), default=None)
     if best is None or best.fun > min(costs[0], costs[-1]):
         return factors[0 if costs[0] < costs[-1] else -1], True
     return float(np.exp(best.x)), False

@@ -81,7 +81,7 @@ def units(rows: LogRows) -> Iterator[Hypothesis]:
         ("prismatic", "m", "mm", 1e-3),
         ("prismatic", "mm", "m", 1e3),
     ):
-        concerned = [item == kind for item in rows.robot.joint_kinds]
+        concerned = [each == kind for each in rows.robot.joint_kinds]
         if any(concerned) and (declared == {None} or own in declared):
             yield Hypothesis(
                 code="unit",

@@ -131,10 +131,10 @@ def recovered(experiment: Experiment) -> Recovered | None:
             continue
         q, r = np.linalg.qr(a[:, used] / size[used])
         inverse = np.linalg.pinv(r)
-        found = inverse @ (q.T @ (y - y.mean()))
-        rest = y - y.mean() - a[:, used] @ (found / size[used])
+        law = inverse @ (q.T @ (y - y.mean()))
+        rest = y - y.mean() - a[:, used] @ (law / size[used])
         sigma = np.sqrt(rest @ rest / (n_rows - n_terms - 1)) * np.linalg.norm(inverse, axis=1)
-        factors[used, joint], sigmas[used, joint] = found / size[used], sigma / size[used]
+        factors[used, joint], sigmas[used, joint] = law / size[used], sigma / size[used]
     error = rows.error(rows.law())
     torque = np.linalg.norm(rows.measured - rows.measured.mean(axis=0), axis=0)
     relative = np.linalg.norm(error, axis=0) / np.maximum(torque, np.finfo(float).tiny)
@@ -142,7 +142,7 @@ def recovered(experiment: Experiment) -> Recovered | None:
 
 
 def loop_findings(
-    experiment: Experiment, x: Array | None = None, found: Recovered | None = None
+    experiment: Experiment, x: Array | None = None, law_found: Recovered | None = None
 ) -> list[Finding]:
     """Return a finding where the log contradicts the declared controller or reference.
 
@@ -152,26 +152,26 @@ def loop_findings(
         With a reference and a controller.
     x : (n_parameters,) array, optional
         Standard parameters, for a torque that is fed forward along the reference.
-    found : Recovered, optional
+    law_found : Recovered, optional
         The controller that the log shows, where it is known already.
     """
-    found = recovered(experiment) if found is None else found
-    if found is None:
+    law_found = recovered(experiment) if law_found is None else law_found
+    if law_found is None:
         return []
-    rows = found.rows
+    rows = law_found.rows
     declared = rows.error(rows.law())
-    beyond_noise = np.sqrt(np.maximum(found.relative**2 - rows.noise**2, 0.0))
+    beyond_noise = np.sqrt(np.maximum(law_found.relative**2 - rows.noise**2, 0.0))
     off = [int(joint) for joint in np.flatnonzero(beyond_noise > AGREES)]
     if not off:
         return []
     weights = 1.0 / np.maximum(np.sum(declared**2, axis=0), np.finfo(float).tiny)
     scored = [
         (float(np.sum(weights[off] * np.sum(law.error[:, off] ** 2, axis=0))) / len(off), law)
-        for law in _laws(found, experiment, off, x)
+        for law in _laws(law_found, experiment, off, x)
     ]
-    worst = float(found.relative.max())
-    left = {"worst": worst, "joint": int(np.argmax(found.relative)) + 1}
-    score, law = min(scored, key=lambda item: item[0])
+    worst = float(law_found.relative.max())
+    left = {"worst": worst, "joint": int(np.argmax(law_found.relative)) + 1}
+    score, law = min(scored, key=lambda trial: trial[0])
     if score < EXPLAINS:
         return [
             Finding(
@@ -195,18 +195,18 @@ def loop_findings(
     ]
 
 
-def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | None) -> Iterator[Law]:
-    rows = found.rows
-    first = found.factors[0, off]
+def _laws(recovery: Recovered, experiment: Experiment, off: list[int], x: Array | None) -> Iterator[Law]:
+    rows = recovery.rows
+    first = recovery.factors[0, off]
     if ((first > ANSWER[0]) & (first < ANSWER[1])).all():
-        yield _gains(found, off)
+        yield _gains(recovery, off)
     samples = [lag / rows.rate_hz for lag in LAGS]
     tried = [
         _best(rows, samples, lambda value: rows.law(lag_s=value)),
         # A digital controller has its velocity from differences, half a sample late.
         _best(rows, [0.0, *samples], lambda value: rows.law(lag_s=value, differences=True)),
     ]
-    lag, error = min(tried, key=lambda item: float(np.sum((item[1] / rows.size) ** 2)))
+    lag, error = min(tried, key=lambda each: float(np.sum((each[1] / rows.size) ** 2)))
     yield Law("controller-delay", error, value=lag)
     leads = sorted({*samples, *(value / 1e3 for value in (5.0, 10.0, 20.0, 40.0))})
     lead, error = _best(rows, leads, lambda value: rows.law(lead_s=value))
@@ -215,20 +215,20 @@ def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | N
     if x is not None:
         forward = rows.reduced(
             [
-                inverse_dynamics(experiment.robot, *item.loop.reference.at(item.t), x)
-                for item in rows.stretches
+                inverse_dynamics(experiment.robot, *each.loop.reference.at(each.t), x)
+                for each in rows.stretches
             ]
         )
         share, error = _fed(rows, forward)
         yield Law("feed-forward", error, value=share)
 
 
-def _gains(found: Recovered, off: list[int]) -> Law:
-    rows = found.rows
-    torque = np.einsum("kj,krj->rj", found.factors, rows.columns()) + rows.reduced(rows.fed_forward())
+def _gains(recovery: Recovered, off: list[int]) -> Law:
+    rows = recovery.rows
+    torque = np.einsum("kj,krj->rj", recovery.factors, rows.columns()) + rows.reduced(rows.fed_forward())
     parts: list[dict[str, Any]] = []
     joints: set[int] = set()
-    names, factors, sigmas = found.keys()
+    names, factors, sigmas = recovery.keys()
     for k, name in enumerate(names):
         changed = [
             joint for joint in off if abs(factors[k, joint] - 1.0) > max(GAIN, GAIN_SIGMAS * sigmas[k, joint])
@@ -241,7 +241,7 @@ def _gains(found: Recovered, off: list[int]) -> Law:
         "controller-gain",
         rows.error(torque),
         joints=tuple(sorted(joint + 1 for joint in joints)),
-        value=float(found.factors[0, off].mean()),
+        value=float(recovery.factors[0, off].mean()),
         facts={"gains": parts},
     )
 
@@ -257,15 +257,15 @@ def _best(rows: LawRows, values: Sequence[float], law: Callable[[float], Array])
     costs = [cost(value) for value in values]
     k = int(np.argmin(costs))
     low, high = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         cost, bounds=(low, high), method="bounded", options={"xatol": 2e-5, "maxiter": 12}
     )
-    return float(found.x), rows.error(law(float(found.x)))
+    return float(optimum.x), rows.error(law(float(optimum.x)))
 
 
 def _limits(rows: LawRows) -> Law:
     """Return the law with the limit of each joint that explains its torque best."""
-    top = np.max([np.abs(item.tau).max(axis=0) for item in rows.stretches], axis=0)
+    top = np.max([np.abs(stretch.tau).max(axis=0) for stretch in rows.stretches], axis=0)
     errors, limits = [rows.error(rows.law())], [np.full(len(top), np.inf)]
     for share in LIMITS:
         errors.append(rows.error(rows.law(limit=share * top)))
@@ -281,8 +281,8 @@ def _limits(rows: LawRows) -> Law:
         squares = np.vstack([squares, np.sum(error**2, axis=0)])
     error = rows.error(rows.law(limit=chosen))
     joints = [int(joint) for joint in np.flatnonzero(np.isfinite(chosen))]
-    found = [float(chosen[joint]) for joint in joints]
-    return Law("saturation", error, joints=tuple(joint + 1 for joint in joints), facts={"limits": found})
+    gains = [float(chosen[joint]) for joint in joints]
+    return Law("saturation", error, joints=tuple(joint + 1 for joint in joints), facts={"limits": gains})
 
 
 def _fed(rows: LawRows, forward: Array) -> tuple[float, Array]:

@@ -53,21 +53,21 @@ class Stretch:
 
 def stretches_of(experiment: Experiment) -> list[Stretch]:
     """Return the windows of the recordings of a fit, with torques."""
-    found = []
+    stretches = []
     for recording in experiment.recordings:
         if recording.role != "fit" or recording.tau is None:
             continue
-        found += [_stretch(experiment, recording, window) for window in recording.windows]
-    return found
+        stretches += [_stretch(experiment, recording, window) for window in recording.windows]
+    return stretches
 
 
 def _stretch(experiment: Experiment, recording: Recording, window: tuple[int, int]) -> Stretch:
     loop = closed_loop(experiment, recording, window)
-    kept = slice(*window)
-    q = recording.measured_positions()[kept]
+    samples = slice(*window)
+    q = recording.measured_positions()[samples]
     assert recording.tau is not None
     _, dq, _ = differentiate(q, recording.rate_hz, experiment.signal)
-    return Stretch(loop, loop.t[: len(q)], q, dq, without_lone(recording.tau[kept]))
+    return Stretch(loop, loop.t[: len(q)], q, dq, without_lone(recording.tau[samples]))
 
 
 class LawRows:
@@ -93,7 +93,7 @@ class LawRows:
         self.stretches = stretches_of(experiment)
         self.controller = self.stretches[0].loop.controller
         self.rate_hz = self.stretches[0].loop.rate_hz
-        self.measured = self.reduced([item.tau for item in self.stretches])
+        self.measured = self.reduced([stretch.tau for stretch in self.stretches])
         self.size = np.maximum(np.linalg.norm(self.measured, axis=0), np.finfo(float).tiny)
         laws = self.controller.laws
         names = ("kp", "kv", "ki", "acceleration")
@@ -127,34 +127,38 @@ class LawRows:
         With `differences` the velocity is that of a digital controller at the log's rate, half a sample late.
         """
         late_velocity = 0.5 / self.rate_hz if differences else self.declared_velocity_lag_s
-        found = []
+        terms_of_law = []
         g, laws = self.controller.gain, self.controller.laws
-        for item in self.stretches:
-            q_ref, dq_ref, ddq_ref = item.loop.reference.at(item.t + lead_s)
-            dq = item.dq if late_velocity == 0.0 else _shifted(item.dq[None], item.t, late_velocity)[0]
-            e, v = q_ref - item.q, laws[:, 4] * dq_ref - dq
-            z = np.cumsum(laws[:, 5] * e + laws[:, 6] * v, axis=0) * (item.t[1] - item.t[0])
+        for stretch in self.stretches:
+            q_ref, dq_ref, ddq_ref = stretch.loop.reference.at(stretch.t + lead_s)
+            dq = (
+                stretch.dq
+                if late_velocity == 0.0
+                else _shifted(stretch.dq[None], stretch.t, late_velocity)[0]
+            )
+            e, v = q_ref - stretch.q, laws[:, 4] * dq_ref - dq
+            z = np.cumsum(laws[:, 5] * e + laws[:, 6] * v, axis=0) * (stretch.t[1] - stretch.t[0])
             every = np.stack([laws[:, k] * s for k, s in enumerate((e, v, z, ddq_ref))])
             terms = g * every[self._columns]
             late = lag_s + self.declared_lag_s
-            found.append(terms if late == 0.0 else _shifted(terms, item.t, late))
-        return found
+            terms_of_law.append(terms if late == 0.0 else _shifted(terms, stretch.t, late))
+        return terms_of_law
 
     def fed_forward(self) -> list[Array]:
         """Torque that the declared controller feeds forward along each stretch, (n, n_dof)."""
         if self._forward is not None:
             return self._forward
         declared = self.controller.feedforward
-        found = []
-        for item in self.stretches:
+        torques = []
+        for stretch in self.stretches:
             if declared is None:
-                found.append(np.zeros_like(item.tau))
+                torques.append(np.zeros_like(stretch.tau))
                 continue
             rate, values = declared
             clock = np.arange(len(values)) / rate
-            found.append(np.column_stack([np.interp(item.t, clock, column) for column in values.T]))
-        self._forward = found
-        return found
+            torques.append(np.column_stack([np.interp(stretch.t, clock, column) for column in values.T]))
+        self._forward = torques
+        return torques
 
     def law(
         self,
@@ -189,7 +193,7 @@ class LawRows:
     def columns(self) -> Array:
         """Torque of each term on the rows, (n_terms, n_rows, n_dof)."""
         terms = self.terms()
-        return np.stack([self.reduced([item[k] for item in terms]) for k in range(len(self._columns))])
+        return np.stack([self.reduced([term[k] for term in terms]) for k in range(len(self._columns))])
 
     def reduced(self, signals: Sequence[Array]) -> Array:
         """Return signals on the rows, (n_rows, n_dof): ends left out, and decimated as the log is."""
@@ -203,7 +207,7 @@ class LawRows:
         """
         of_torque, of_speed = row_noise(self.signal, self.rate_hz)
         spread, encoder = (
-            np.median([white_noise(getattr(item, key)) for item in self.stretches], axis=0)
+            np.median([white_noise(getattr(stretch, key)) for stretch in self.stretches], axis=0)
             for key in ("tau", "q")
         )
         gain, laws = np.abs(self.controller.gain), np.abs(self.controller.laws)
@@ -223,15 +227,15 @@ def with_law_torques(experiment: Experiment) -> Experiment:
 
     Their residual is the error of the simulated positions, as torques.
     """
-    fitted = [item for item in experiment.recordings if item.role == "fit"]
-    blank = [replace(item, tau=np.zeros_like(item.measured_positions())) for item in fitted]
+    fitted = [recording for recording in experiment.recordings if recording.role == "fit"]
+    blank = [replace(recording, tau=np.zeros_like(recording.measured_positions())) for recording in fitted]
     torques = iter(LawRows(replace(experiment, recordings=tuple(blank))).torques())
     made = []
-    for item in blank:
-        tau = np.zeros_like(item.measured_positions())
-        for start, stop in item.windows:
+    for recording in blank:
+        tau = np.zeros_like(recording.measured_positions())
+        for start, stop in recording.windows:
             tau[start:stop] = next(torques)
-        made.append(replace(item, tau=tau))
+        made.append(replace(recording, tau=tau))
     return replace(experiment, recordings=tuple(made))
 
 
