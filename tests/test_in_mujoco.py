@@ -225,7 +225,7 @@ def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
 
 
 def test_a_replay_in_short_steps_has_no_error_of_its_own(tmp_path: Path) -> None:
-    """Of a log by MuJoCo without noise a replay leaves the error of the fit, 2 urad, also where the file has implicit steps."""
+    """Of a log by MuJoCo without noise a replay leaves the error of the fit, a few urad, also where the file has implicit steps."""
     steps = arm_text(truth=True).replace("implicitfast", "RK4")
     r = arm_commands(np.random.default_rng(3), 400)
     np.savez(tmp_path / "log.npz", q=followed(mujoco, steps, r, 50.0, 0.02, 5e-4), r=r)
@@ -242,4 +242,6 @@ def test_a_replay_in_short_steps_has_no_error_of_its_own(tmp_path: Path) -> None
         found = validate_in_mujoco(fit, experiment, tmp_path / "new.xml")
         assert found.ratio is not None
         assert found.ratio < 1.05
-        assert (found.at_file_step is None) == (integrator == "RK4")
+        # In steps of the file Runge and Kutta's method loses next to nothing, the implicit one 0.7 mrad.
+        lost = 0.0 if found.at_file_step is None else found.at_file_step[1]
+        assert (lost < 5e-6) == (integrator == "RK4")

@@ -153,17 +153,20 @@ class ServoLoop:
             "integrator": integrator,
             "divergence": divergence,
         }
-        self._loops: dict[float, ClosedLoop] = {}
+        self._loops: dict[tuple[float, ...], ClosedLoop] = {}
 
-    def loop(self, delay_s: float) -> ClosedLoop:
-        """Return the closed loop with steps that end at the jumps of the delayed reference."""
-        if delay_s not in self._loops:
-            follow = replace(self._follow, core=self._follow.core.with_breaks(self.held.jumps(delay_s)))
+    def loop(self, *delays_s: float) -> ClosedLoop:
+        """Return the closed loop with steps that end at the jumps of the delayed references."""
+        if delays_s not in self._loops:
+            jumps = sorted({time for delay_s in delays_s for time in self.held.jumps(delay_s)})
+            follow = replace(self._follow, core=self._follow.core.with_breaks(jumps))
             loop = ClosedLoop.of(self.robot, follow, self._plain, **self._options)  # type: ignore[arg-type]
-            self._loops = {delay_s: loop.along(self._motion)}
-        return self._loops[delay_s]
+            self._loops = {delays_s: loop.along(self._motion)}
+        return self._loops[delays_s]
 
-    def run(self, x: Array, servos: Servos, threads: int | None = None) -> tuple[Array, NDArray[np.bool_]]:
+    def run(
+        self, x: Array, servos: Servos, threads: int | None = None, *, every_jump: bool = False
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Return encoder readings, (n_candidates, n_records, n_dof), and which runs completed.
 
         Parameters
@@ -174,9 +177,13 @@ class ServoLoop:
             Parameters of the servos.
         threads : int, optional
             All cores by default.
+        every_jump : bool
+            Whether the steps of servos that may saturate end at the jumps of most joints of every candidate, not of the first
+            alone: during saturation a jump within a step has another impulse than its mean.
         """
-        # The steps end at the jumps of most joints of the first candidate.
-        loop = self.loop(float(np.median(servos.delay_s[0])))
+        saturates = every_jump and np.isfinite(servos.saturation).any()
+        delays_s = np.median(servos.delay_s if saturates else servos.delay_s[:1], axis=1)
+        loop = self.loop(*np.unique(delays_s).tolist())
         edges = loop.schedule.edges
         pairs = np.concatenate([servos.delay_s, servos.lag_s], axis=1)
         kinds, number = np.unique(pairs, axis=0, return_inverse=True)

@@ -161,6 +161,7 @@ def _as_smooth_sign(method: CLOESettings, problem: Problem, now: Search) -> Arra
 
 def _searched_anew(problem: Problem, start: Search, options: dict[str, Any]) -> tuple[Search, list[Held]]:
     """Search with all unknowns from a point that was only screened."""
+    problem.every_jump = True
     now = begun(problem, start.theta, np.ones(len(start.theta), dtype=bool), start)
     return searched(problem, now, unidentified(problem, now, strict=True), options)
 

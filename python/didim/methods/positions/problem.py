@@ -113,6 +113,7 @@ class Problem:
     threads: int | None = None
     weights: list[Array] = field(default_factory=list)
     n_simulations: int = 0
+    every_jump: bool = False
     inertia: dict[tuple[int, int], Array] = field(default_factory=dict)
     stops: list[Stop] = field(default_factory=list)
 
@@ -148,7 +149,10 @@ class Problem:
         creep, rest = (drive.pop(kind) for kind in SOFT)
         slope = self._slope(rollout, x) * rest / creep if self.inertia else None
         return rollout.loop.run(
-            x, Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s), self.threads
+            x,
+            Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s),
+            self.threads,
+            every_jump=self.every_jump,
         )
 
     def _parameters(self, rollout: Rollout, thetas: Array) -> tuple[Array, dict[str, Array]]:
