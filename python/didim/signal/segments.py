@@ -57,12 +57,12 @@ class Segment:
     window: int = 0
     temperature: Array | None = None
 
-    def cut(self, kept: slice) -> Segment:
+    def cut(self, rows: slice) -> Segment:
         """Return some of the samples."""
         q, dq, ddq, tau = (
-            np.ascontiguousarray(values[kept]) for values in (self.q, self.dq, self.ddq, self.tau)
+            np.ascontiguousarray(values[rows]) for values in (self.q, self.dq, self.ddq, self.tau)
         )
-        temperature = None if self.temperature is None else np.ascontiguousarray(self.temperature[kept])
+        temperature = None if self.temperature is None else np.ascontiguousarray(self.temperature[rows])
         return replace(self, q=q, dq=dq, ddq=ddq, tau=tau, temperature=temperature)
 
     @cached_property
@@ -106,17 +106,17 @@ def segments(
     torque = recording.driving
     if torque is None:
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
-    found = []
+    parts = []
     for window, (start, stop) in enumerate(recording.windows):
-        place = place_of(recording, (start, stop))
-        with at_place(place):
+        where = place_of(recording, (start, stop))
+        with at_place(where):
             measured: tuple[Array, ...] = motion_of(recording, (start, stop), signal)
             if recording.temperature is not None:
                 measured = (*measured, recording.temperature[start:stop])
             motion, tau = align(measured, without_spikes(torque[start:stop], signal), delay_samples)
-        part = trimmed(recording, place, signal, motion, tau)
-        found.append(replace(part, recording=number, window=window))
-    return found
+        part = trimmed(recording, where, signal, motion, tau)
+        parts.append(replace(part, recording=number, window=window))
+    return parts
 
 
 def motion_of(
@@ -140,7 +140,7 @@ def motion_of(
 
 
 def trimmed(
-    recording: Recording, place: str, signal: SignalProcessing, motion: Sequence[Array], tau: Array
+    recording: Recording, where: str, signal: SignalProcessing, motion: Sequence[Array], tau: Array
 ) -> Segment:
     """Return the segment of aligned motion and torque, trimmed at its ends.
 
@@ -148,7 +148,7 @@ def trimmed(
     ----------
     recording : Recording
         Recording with name and rate.
-    place : str
+    where : str
         Recording and window, for messages.
     signal : SignalProcessing
         Trimming.
@@ -162,43 +162,43 @@ def trimmed(
     FitError
         When trimming leaves nothing.
     """
-    kept = kept_samples(tau.shape[0], place, signal)
+    inside = kept_samples(tau.shape[0], where, signal)
     q, dq, ddq, *warmth = motion
     return Segment(
         name=recording.name,
-        place=place,
+        place=where,
         rate_hz=recording.rate_hz,
         q=q,
         dq=dq,
         ddq=ddq,
         tau=tau,
         temperature=warmth[0] if warmth else None,
-    ).cut(kept)
+    ).cut(inside)
 
 
-def kept_samples(n_samples: int, place: str, signal: SignalProcessing) -> slice:
+def kept_samples(n_samples: int, where: str, signal: SignalProcessing) -> slice:
     """Return the samples of a window after trimming.
 
     Raises
     ------
     FitError
-        When none remain; the sentence begins with `place`.
+        When none remain; the sentence begins with `where`.
     """
-    kept = slice(signal.trim_start, n_samples - signal.trim_end)
-    if kept.stop <= kept.start:
+    inside = slice(signal.trim_start, n_samples - signal.trim_end)
+    if inside.stop <= inside.start:
         raise FitError(
-            f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
+            f"{where}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
             f"{counted(n_samples, 'sample')}"
         )
-    return kept
+    return inside
 
 
 def place_of(recording: Recording, window: tuple[int, int]) -> str:
     """Return recording and window as the prefix of messages."""
-    place = f"recording '{recording.name}'"
+    where = f"recording '{recording.name}'"
     if window != (0, len(recording.q)):
-        place += f", window of samples {window[0]} to {window[1]}"
-    return place
+        where += f", window of samples {window[0]} to {window[1]}"
+    return where
 
 
 def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
@@ -214,21 +214,21 @@ def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
     total = sum(len(part.q) for part in parts)
     if total <= most_samples:
         return list(parts)
-    found = []
+    chosen = []
     for part in parts:
         length = max(int(len(part.q) * most_samples / total / 3), 1)
         if 3 * length >= len(part.q):
-            found.append(part)
+            chosen.append(part)
             continue
         starts = np.linspace(0, len(part.q) - length, 3).astype(int).tolist()
-        found += [part.cut(slice(start, start + length)) for start in starts]
-    return found
+        chosen += [part.cut(slice(start, start + length)) for start in starts]
+    return chosen
 
 
 @contextmanager
-def at_place(place: str) -> Iterator[None]:
+def at_place(where: str) -> Iterator[None]:
     """Prefix the message of an error with recording and window."""
     try:
         yield
     except (SignalError, FitError) as error:
-        raise type(error)(f"{place}: {error}") from None
+        raise type(error)(f"{where}: {error}") from None

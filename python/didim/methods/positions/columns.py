@@ -143,36 +143,38 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
 
 def _loads(experiment: Experiment) -> Array:
     """Return what the payload of each recording adds to the standard parameters, (n_recordings, n_parameters)."""
-    robot, found = experiment.robot, []
-    for item in experiment.recordings:
+    robot, columns = experiment.robot, []
+    for recording in experiment.recordings:
         load = np.zeros(len(robot.parameter_names))
-        if item.payload != NOTHING:
-            payload = experiment.payloads.get(item.payload)
+        if recording.payload != NOTHING:
+            payload = experiment.payloads.get(recording.payload)
             if payload is None or not payload.known:
                 raise FitError(
-                    f"recording '{item.name}': links = \"fixed\" needs mass_kg, com_m and inertia_kg_m2 of [payload.{item.payload}]"
+                    f"recording '{recording.name}': links = \"fixed\" needs mass_kg, com_m and inertia_kg_m2 of "
+                    f"[payload.{recording.payload}]"
                 )
             load = last_link(robot, flange_in_last_frame(robot, experiment.flange)) @ payload.split[0]
-        found.append(load)
-    return np.reshape(found, (len(found), len(robot.parameter_names)))
+        columns.append(load)
+    return np.reshape(columns, (len(columns), len(robot.parameter_names)))
 
 
 def _shares(experiment: Experiment, kp: Array) -> Array:
     """Return the gains kp of each recording over those of the controller, (n_recordings, n_dof)."""
     shares = np.ones((len(experiment.recordings), len(kp)))
-    for share, item in zip(shares, experiment.recordings, strict=True):
-        if item.own:
+    for share, recording in zip(shares, experiment.recordings, strict=True):
+        if recording.own:
             raise FitError(
-                f'recording \'{item.name}\': links = "fixed" has no own {item.own[0]}; [unknown] has shared = "log" for drives'
+                f"recording '{recording.name}': links = \"fixed\" has no own {recording.own[0]}; [unknown] has "
+                'shared = "log" for drives'
             )
-        if item.kp is not None:
-            share[:] = quotient(np.asarray(item.kp), kp, 1.0)
+        if recording.kp is not None:
+            share[:] = quotient(np.asarray(recording.kp), kp, 1.0)
     return shares
 
 
 def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps) -> list[Column]:
     """Return the unknowns: those of each joint first, by joint, then those that joints share."""
-    robot, found = experiment.robot, []
+    robot, columns = experiment.robot, []
     for joint in range(robot.n_dof):
         for kind in joint_kinds(robot):
             name = f"{kind}{joint + 1}"
@@ -183,7 +185,7 @@ def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, st
             index = robot.parameter_names.index(name)
             unknown = experiment.unknown.get(kind, Unknown())
             low = max(unknown.low, 0.0 if kind in NEVER_NEGATIVE else -math.inf)
-            found.append(
+            columns.append(
                 Column(
                     kind,
                     (joint,),
@@ -199,8 +201,8 @@ def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, st
             )
     for kind in DRIVE:
         if kind in experiment.unknown:
-            found += _of_drive(experiment, limbs, values, steps, kind)
-    return found
+            columns += _of_drive(experiment, limbs, values, steps, kind)
+    return columns
 
 
 def _of_drive(
@@ -218,7 +220,7 @@ def _of_drive(
         groups = [(everyone, k, f"{kind} {experiment.recordings[k].name}") for k in fitted]
     else:
         groups = [(everyone, None, kind)]
-    found = []
+    columns = []
     for joints, recording, name in groups:
         start = float(np.mean(values.drive[kind][list(joints)]))
         if kind == "saturation" and not math.isfinite(start):
@@ -227,13 +229,13 @@ def _of_drive(
         unit = UNITS[kind]
         if any(experiment.robot.joint_kinds[joint] == "prismatic" for joint in joints):
             unit = unit.replace("N.m", "N").replace("rad", "m")
-        found.append(
+        columns.append(
             Column(
                 kind, joints, recording, name, unit, start, unknown.low, unknown.high, unknown.sigma,
                 steps.of(kind, joints),
             )
         )  # fmt: skip
-    return found
+    return columns
 
 
 @dataclass(frozen=True)

@@ -251,22 +251,22 @@ def _drive(problem: Problem, theta: Array) -> dict[str, list[float | None]]:
 
 
 def _limbs(problem: Problem) -> list[dict[str, Any]]:
-    found = []
+    limbs = []
     for limb in problem.limbs:
         names = limb.robot.joint_names or tuple(f"joint {joint + 1}" for joint in limb.joints)
-        found.append(
+        limbs.append(
             {
                 "name": limb.name or problem.robot.name,
                 "joints": [joint + 1 for joint in limb.joints],
                 "roles": [role_of(name, limb.name) for name in names],
             }
         )
-    return found
+    return limbs
 
 
 def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals) -> list[dict[str, Any]]:
     bound, steps = at_bound(problem, now), per_step(problem, now)
-    texts = {item.column: item.known for item in held}
+    texts = {each.column: each.known for each in held}
     rows = []
     for k, column in enumerate(problem.columns):
         value, half = float(now.theta[k]), float(spread.half[k])
@@ -308,23 +308,23 @@ def _unlike(problem: Problem, rows: Sequence[dict[str, Any]]) -> list[str]:
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for limb in _limbs(problem):
         groups.setdefault(tuple(limb["roles"]), []).append(limb)
-    found = []
+    sentences = []
     for limbs in groups.values():
-        for place, kind in ((p, k) for p in range(len(limbs[0]["joints"])) for k in ("Ia", "Fv", "Fc")):
+        for index, kind in ((p, k) for p in range(len(limbs[0]["joints"])) for k in ("Ia", "Fv", "Fc")):
             alike = [
-                single[limb["joints"][place], kind]
+                single[limb["joints"][index], kind]
                 for limb in limbs
-                if (limb["joints"][place], kind) in single
+                if (limb["joints"][index], kind) in single
             ]
             for row in alike if len(alike) > 2 else ():
                 others = np.array([other["value"] for other in alike if other is not row])
                 usual = float(np.median(others))
                 if abs(row["value"] - usual) > max(UNLIKE * (row["std"] or 0.0), UNLIKE_SHARE * abs(usual)):
                     name = problem.robot.joint_label(row["joints"][0] - 1)
-                    found.append(
+                    sentences.append(
                         f"{name}: {kind} is {row['value']:.3g} {row['unit']}, where its siblings have {usual:.3g}"
                     )
-    return found
+    return sentences
 
 
 def _size(experiment: Experiment, after: Array) -> list[Finding]:
@@ -333,10 +333,10 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
     That is the difference of command and position: times kp both are torques, so that their ratio is the torque that is missed.
     """
     tracked = [
-        (item.q_ref - item.measured_positions())[slice(*window)]
-        for item in experiment.recordings
-        if item.role == "fit" and item.q_ref is not None
-        for window in item.windows
+        (recording.q_ref - recording.measured_positions())[slice(*window)]
+        for recording in experiment.recordings
+        if recording.role == "fit" and recording.q_ref is not None
+        for window in recording.windows
     ]
     if not tracked:
         return []
@@ -363,8 +363,8 @@ def _evidence(
 ) -> tuple[Finding, ...]:
     """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
     findings = []
-    for sentence, items in by_sentence(problem, held).items():
-        columns = [problem.columns[item.column] for item in items]
+    for sentence, held_columns in by_sentence(problem, held).items():
+        columns = [problem.columns[each.column] for each in held_columns]
         late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
             said(

@@ -36,9 +36,9 @@ USUAL_STEP_S, HALF = 2e-3, 0.5
 """Step (s) of most simulators, and the share by which a velocity at its end is late."""
 CHORDS = 10
 """Steps with derivatives that stay: with 31 unknowns of an arm each leaves three quarters."""
-CHANGED, CHANGED_SHARE = 4.0, 0.15
+CHANGED, CHANGED_SHARE = 3.4, 0.15
 """Change of an estimate along a log, in standard deviations and as a share of its value, from which it is reported. Simulated arms
-with 1.3 to 2 times the friction in half of the log (4.0 and 20 % at least) and without (2.8 and 4 % at most) chose both;
+with 1.3 to 2 times the friction in half of the log (3.99 and 20 % at least) and without (2.8 and 4 % at most) chose both;
 the Go2 log, the legs and the pendulums only counted."""
 LASTING = 2.0
 """Errors over their white part from which an error of the model is larger than the noise: blocks left out share it."""
@@ -122,7 +122,7 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
     `a` and `g` are the normal matrices and gradients of the blocks. The log is divided at several places; each part has an estimate
     of its own with a deviation by leaving out its blocks.
     """
-    found = np.zeros((2, len(problem.columns)))
+    largest = np.zeros((2, len(problem.columns)))
     n_rows = sum(e.size for e in now.errors)
     for share in DIVISIONS:
         k = round(share * len(a))
@@ -134,8 +134,8 @@ def _drift(problem: Problem, now: Search, a: Array, g: Array) -> Array:
             variances.append(np.diag(_jackknife(problem, now, a[part], g[part])))
         change, deviation = steps[1] - steps[0], np.sqrt(sum(variances))
         ratio = quotient(change, deviation)
-        found = np.where(np.abs(ratio) > np.abs(found[1]), [change, ratio], found)
-    return found
+        largest = np.where(np.abs(ratio) > np.abs(largest[1]), [change, ratio], largest)
+    return largest
 
 
 def errors_over_noise(problem: Problem, now: Search, least: float = LEAST_NOISE) -> Array:
@@ -145,10 +145,10 @@ def errors_over_noise(problem: Problem, now: Search, least: float = LEAST_NOISE)
     white part is at least `least` (rad or m).
     """
     squares, noise, count = (np.zeros(problem.robot.n_dof) for _ in range(3))
-    for item, weight, rows in zip(problem.rollouts, problem.weights, now.errors, strict=True):
-        if item.role == "fit":
-            at, e = list(problem.limbs[item.limb].joints), rows.reshape(-1, len(weight)) / weight
-            own = np.maximum(white_noise(e), encoder_step(item.q) / np.sqrt(12.0))
+    for rollout, weight, rows in zip(problem.rollouts, problem.weights, now.errors, strict=True):
+        if rollout.role == "fit":
+            at, e = list(problem.limbs[rollout.limb].joints), rows.reshape(-1, len(weight)) / weight
+            own = np.maximum(white_noise(e), encoder_step(rollout.q) / np.sqrt(12.0))
             squares[at] += np.sum(e**2, axis=0)
             noise[at] += len(e) * np.maximum(own, least) ** 2
             count[at] += len(e)
@@ -170,42 +170,42 @@ def per_step(problem: Problem, now: Search) -> Array:
     Such a simulator adds ``h (Fv + kv) / 2`` to the inertia of a joint, but ``h Fv / 2`` while its servo saturates. The first holds
     for any log, and `didim.export.drives.for_step` corrects for it; the change is that by the second, along this log.
     """
-    found = np.zeros(len(now.theta))
+    per_column = np.zeros(len(now.theta))
     a, _ = normal_of(problem, now.errors, now.blocks)
     use = np.flatnonzero(now.free & (np.diag(a) > 0.0) & ~at_bound(problem, now))
     inverse = _inverse(a[np.ix_(use, use)])
     for _ in range(CHORDS):  # with the derivatives at hand: those of the simulator differ little
-        errors = problem.errors(now.theta + found, lead_s=-HALF * USUAL_STEP_S)
+        errors = problem.errors(now.theta + per_column, lead_s=-HALF * USUAL_STEP_S)
         apart = [other - e for other, e in zip(errors, now.errors, strict=True)]
         if not all(np.isfinite(e).all() for e in apart):
             return np.zeros(len(now.theta))
         if not any(e.any() for e in apart):
             break
-        found[use] -= inverse @ normal_of(problem, apart, now.blocks)[1][use]
-    return found / USUAL_STEP_S
+        per_column[use] -= inverse @ normal_of(problem, apart, now.blocks)[1][use]
+    return per_column / USUAL_STEP_S
 
 
 def changes(problem: Problem, spread: Intervals, theta: Array) -> tuple[Finding, ...]:
     """Return the finding that armatures or friction are others in one part of a log than in the rest, `theta` (n_columns,)."""
     change, ratio = np.abs(spread.drift)
     share = change / np.maximum(np.abs(theta), np.finfo(float).tiny)
-    found = [
+    changed = [
         k
         for k in np.argsort(-ratio)
         if problem.columns[k].kind in ("Ia", "Fv", "Fc") and ratio[k] > CHANGED and share[k] > CHANGED_SHARE
     ]
-    if not found:
+    if not changed:
         return ()
-    worst = max(found, key=lambda k: min(share[k], 1.0) * ratio[k])
-    names = series([problem.columns[k].name for k in found], 60)
+    worst = max(changed, key=lambda k: min(share[k], 1.0) * ratio[k])
+    names = series([problem.columns[k].name for k in changed], 60)
     return (
         said(
             kind="changes",
             sentence=f"one value for the whole log does not hold for {names}: {problem.columns[worst].name} changes by "
             f"{min(100.0 * share[worst], 999.0):.0f} % along it ({ratio[worst]:.0f} standard deviations)",
             advice="Fit its parts one by one: friction depends on temperature, and is another in slow than in fast motion",
-            joints=tuple(sorted({joint + 1 for k in found for joint in problem.columns[k].joints})),
-            parameters=tuple(problem.columns[k].name for k in found),
+            joints=tuple(sorted({joint + 1 for k in changed for joint in problem.columns[k].joints})),
+            parameters=tuple(problem.columns[k].name for k in changed),
             value=float(share[worst]),
         ),
     )
@@ -236,23 +236,26 @@ def _inverse(matrix: Array) -> Array:
 
 def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
     """Return cuts of the rows of each rollout into blocks, the number of the block of each sample."""
-    fitted = [item for item in problem.rollouts if item.role == "fit"]
-    windows = list(dict.fromkeys((item.recording, item.window) for item in fitted))
+    fitted = [rollout for rollout in problem.rollouts if rollout.role == "fit"]
+    windows = list(dict.fromkeys((rollout.recording, rollout.window) for rollout in fitted))
     if len(windows) >= STRETCHES[1]:
         return [
             [
-                np.full(len(item.q) - item.first, windows.index((item.recording, item.window)))
-                if item.role == "fit"
+                np.full(len(rollout.q) - rollout.first, windows.index((rollout.recording, rollout.window)))
+                if rollout.role == "fit"
                 else np.zeros(0, dtype=np.intp)
-                for item in problem.rollouts
+                for rollout in problem.rollouts
             ]
         ], "rollouts"
     spans: dict[tuple[int, int], tuple[int, int]] = {}  # all limbs' stretches of a window
-    for item in fitted:
-        key, stretch = (item.recording, item.window), (item.begin + item.first, item.begin + len(item.q))
+    for rollout in fitted:
+        key, stretch = (
+            (rollout.recording, rollout.window),
+            (rollout.begin + rollout.first, rollout.begin + len(rollout.q)),
+        )
         low, high = spans.get(key, stretch)
         spans[key] = min(low, stretch[0]), max(high, stretch[1])
-    rates = {(item.recording, item.window): item.rate_hz for item in fitted}
+    rates = {(rollout.recording, rollout.window): rollout.rate_hz for rollout in fitted}
     lengths = {key: (high - low) / rates[key] for key, (low, high) in spans.items()}
     total = sum(lengths.values())
     cuts = []
@@ -263,15 +266,17 @@ def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
             first[key] = begin
             begin += max(1, round(lengths[key] / each))
         cut = []
-        for item in problem.rollouts:
-            size = len(item.q) - item.first
-            if item.role != "fit":
+        for rollout in problem.rollouts:
+            size = len(rollout.q) - rollout.first
+            if rollout.role != "fit":
                 cut.append(np.zeros(0, dtype=np.intp))
                 continue
-            key = (item.recording, item.window)
+            key = (rollout.recording, rollout.window)
             parts = max(1, round(lengths[key] / each))
             low, high = spans[key]
-            cut.append(first[key] + (item.begin + item.first - low + np.arange(size)) * parts // (high - low))
+            cut.append(
+                first[key] + (rollout.begin + rollout.first - low + np.arange(size)) * parts // (high - low)
+            )
         cuts.append(cut)
     return cuts, "stretches"
 
@@ -282,11 +287,11 @@ def _normal_of_blocks(
     """Return normal matrices and gradients of the blocks, (number, n_columns, n_columns) and (number, n_columns)."""
     count = len(problem.columns)
     a, g = np.zeros((number, count, count)), np.zeros((number, count))
-    for item, e, j, blocks in zip(problem.rollouts, now.errors, now.blocks, cut, strict=True):
+    for rollout, e, j, blocks in zip(problem.rollouts, now.errors, now.blocks, cut, strict=True):
         if not e.size:
             continue
-        own = problem.own(item)
-        rows = np.repeat(blocks, len(problem.limbs[item.limb].joints))
+        own = problem.own(rollout)
+        rows = np.repeat(blocks, len(problem.limbs[rollout.limb].joints))
         for block in np.unique(blocks):
             at = rows == block
             a[block][np.ix_(own, own)] += j[at].T @ j[at]

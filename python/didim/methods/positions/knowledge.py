@@ -98,17 +98,17 @@ def unidentified(
     if error is None:
         error = math.sqrt(sum(float(e @ e) for e in now.errors) / rows)
     free = now.free & ~prior
-    found = []
+    held = []
     for k in np.flatnonzero(free).tolist():
         column = problem.columns[k]
         moved = math.sqrt(a[k, k] / rows) * _range(column)
         if moved < max(0.0 if strict else NULL_SHARE * error, NULL_M):
-            found.append(Held(k, "null", _without_effect(column)))
+            held.append(Held(k, "null", _without_effect(column)))
             free[k] = False
     while True:
         use = np.flatnonzero(free & (np.diag(a) > 0.0))
         if not use.size:
-            return found
+            return held
         f, inverse = widening(a, use)
         excess = np.array(
             [
@@ -122,11 +122,11 @@ def unidentified(
             excess[~of_drive] = 0.0
         worst = int(np.argmax(excess))
         if excess[worst] <= 1.0:
-            return found
+            return held
         k = int(use[worst])
         partners = partners_of(inverse, worst, use)
         known = _exchangeable(problem.columns[k], [problem.columns[p] for p in partners])
-        found.append(Held(k, "widened", known))
+        held.append(Held(k, "widened", known))
         free[k] = False
 
 
@@ -136,7 +136,7 @@ def _excess(
     """Return how far an unknown is beyond the limits of identifiable ones: above 1 it is held."""
     if strict or not column.of_drive or f < ALONE.get(column.kind, USUALLY_ALONE):
         return float(f / SINGULAR)
-    (rate, *_) = (item.rate_hz for item in problem.rollouts)
+    (rate, *_) = (rollout.rate_hz for rollout in problem.rollouts)
     change = 1.0 / rate if column.kind in ("delay_s", "lag_s") else SHARE[column.kind] * abs(column.start)
     limbs = {k for k, limb in enumerate(problem.limbs) if {*column.joints} & {*limb.joints}}
     own = rows * len(limbs) / len(problem.limbs)
@@ -149,11 +149,11 @@ def _range(column: Column) -> float:
     return span if math.isfinite(span) else max(abs(column.start), 1e3 * column.step)
 
 
-def partners_of(inverse: Array, place: int, use: NDArray[np.intp]) -> tuple[int, ...]:
+def partners_of(inverse: Array, index: int, use: NDArray[np.intp]) -> tuple[int, ...]:
     """Return the columns with the largest correlation with one, at most three, largest first."""
     size = np.sqrt(np.diag(inverse))
-    correlation = np.abs(inverse[place] / (size * size[place]))
-    correlation[place] = 0.0
+    correlation = np.abs(inverse[index] / (size * size[index]))
+    correlation[index] = 0.0
     order = np.argsort(-correlation)[:3]
     return tuple(int(use[k]) for k in order if correlation[k] > 0.5)
 
@@ -166,30 +166,30 @@ def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]
     f, inverse = widening(a, use)
     size = np.sqrt(np.diag(inverse))
     correlation = inverse / np.outer(size, size)
-    found: list[str] = []
+    pairs: list[str] = []
     seen: set[frozenset[int]] = set()
-    for place in np.argsort(-f):
-        if f[place] < WEAK or len(found) == MOST_WEAK:
+    for index in np.argsort(-f):
+        if f[index] < WEAK or len(pairs) == MOST_WEAK:
             break
-        row = correlation[place].copy()
-        row[place] = 0.0
+        row = correlation[index].copy()
+        row[index] = 0.0
         other = int(np.argmax(np.abs(row)))
-        pair = frozenset((int(place), other))
+        pair = frozenset((int(index), other))
         if abs(row[other]) < 0.9 or pair in seen:
             continue
         seen.add(pair)
-        one, two = problem.columns[use[place]], problem.columns[use[other]]
+        one, two = problem.columns[use[index]], problem.columns[use[other]]
         ratio = (
             -row[other]
-            * math.sqrt(inverse[place, place] / a[use[place], use[place]])
+            * math.sqrt(inverse[index, index] / a[use[index], use[index]])
             / math.sqrt(inverse[other, other] / a[use[other], use[other]])
         )
         sign = "+" if ratio > 0 else "-"
-        found.append(
+        pairs.append(
             f"{where_of(problem.robot, one)}: {one.name} {sign} {abs(ratio):.2g} {two.name} is known better than each (correlation "
             f"{row[other]:.2f}); {_advice(one, two)}"
         )
-    return found
+    return pairs
 
 
 def _advice(one: Column, two: Column) -> str:
@@ -235,11 +235,11 @@ def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
 def by_sentence(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
     """Return the fixed unknowns by sentence, with joints of equal sentences together."""
     groups: dict[str, list[Held]] = {}
-    for item in sorted(held, key=lambda item: item.column):
-        groups.setdefault(item.known, []).append(item)
-    found = {}
-    for known, items in groups.items():
-        places = [where_of(problem.robot, problem.columns[item.column]) for item in items]
+    for each in sorted(held, key=lambda each: each.column):
+        groups.setdefault(each.known, []).append(each)
+    columns_by_sentence = {}
+    for known, columns_alike in groups.items():
+        places = [where_of(problem.robot, problem.columns[each.column]) for each in columns_alike]
         title = ", ".join(places) if len(places) <= MOST_PLACES else f"{places[0]} to {places[-1]}"
-        found[f"{title}: {known}"] = items
-    return found
+        columns_by_sentence[f"{title}: {known}"] = columns_alike
+    return columns_by_sentence

@@ -49,7 +49,7 @@ def searched(
     problem: Problem, now: Search, held: list[Held], options: dict[str, Any]
 ) -> tuple[Search, list[Held]]:
     """Search; hold unknowns that the log turns out not to identify at their starts, and search again."""
-    now.free[[item.column for item in held]] = False
+    now.free[[each.column for each in held]] = False
     now = search(problem, now, **options)
     while now.status.converged:
         more = unidentified(problem, now)
@@ -57,9 +57,9 @@ def searched(
             break
         held = [*held, *more]
         theta, free = now.theta.copy(), now.free.copy()
-        for item in more:
-            free[item.column] = False
-            theta[item.column] = problem.columns[item.column].start
+        for each in more:
+            free[each.column] = False
+            theta[each.column] = problem.columns[each.column].start
         now = search(problem, begun(problem, theta, free, now), **options)
     return now, held
 
@@ -71,7 +71,7 @@ def search_of_either_friction(
 
     Also return how far the estimate with the other law of friction is from the one that is taken, (n_columns,).
     """
-    now.free[[item.column for item in held]] = False
+    now.free[[each.column for each in held]] = False
     now = search(problem, now, **{**options, "tolerance": ROUGH})
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
@@ -83,11 +83,11 @@ def search_of_either_friction(
             options["reporter"].say(
                 "friction as MuJoCo has it promises smaller errors; the search goes on with it"
             )
-            found, held_there = _searched_anew(rival, start, options)
+            rival_search, held_there = _searched_anew(rival, start, options)
             problem.n_simulations = rival.n_simulations
-            shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
-            if found.cost < now.cost:
-                return _of_another_softness(method, rival, found, held_there, shift, options)
+            shift = np.where(rival_search.free & now.free, rival_search.theta - now.theta, 0.0)
+            if rival_search.cost < now.cost:
+                return _of_another_softness(method, rival, rival_search, held_there, shift, options)
     now, held = searched(problem, now, held, options)
     return _of_another_softness(method, problem, now, held, shift, options)
 
@@ -125,10 +125,10 @@ def _of_another_softness(
         options["reporter"].say(
             "another softness of friction promises smaller errors; the search goes on with it"
         )
-        found, held_there = _searched_anew(rival, start, options)
+        rival_search, held_there = _searched_anew(rival, start, options)
         problem.n_simulations = rival.n_simulations
-        if found.cost < PROMISED * now.cost:
-            return rival, found, held_there, _as_smooth_sign(method, rival, found)
+        if rival_search.cost < PROMISED * now.cost:
+            return rival, rival_search, held_there, _as_smooth_sign(method, rival, rival_search)
     return problem, now, held, np.where(np.abs(step) > np.abs(shift), step, shift)
 
 
@@ -195,7 +195,7 @@ def without_pushes(
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
     for _ in range(MOST_ROUNDS):
         more = _pushed(problem, now.errors, STRONGEST) if now.status.converged else []
-        before, pushed = problem, [*(item for item in problem.stops if item.pushed), *more]
+        before, pushed = problem, [*(stop for stop in problem.stops if stop.pushed), *more]
         if more:
             problem, now = _without(method, problem, now, pushed, options)
         if problem is before:
@@ -210,13 +210,13 @@ def with_explained_stretches(
 
     A push that is still fitted causes errors in other stretches too, which were left out for them.
     """
-    pushed = [item for item in problem.stops if item.pushed]
+    pushed = [stop for stop in problem.stops if stop.pushed]
     if not pushed or not now.status.converged:
         return problem, now
     whole = _built(method, problem, soft=bool(problem.inertia), pushed=())
     seen = _pushed(whole, whole.errors(now.theta), 0.0)
     problem.n_simulations += whole.n_simulations
-    unexplained = [item for item in pushed if any(item.meets(other) for other in seen)]
+    unexplained = [stop for stop in pushed if any(stop.meets(other) for other in seen)]
     if len(unexplained) == len(pushed):
         return problem, now
     return _without(method, problem, now, unexplained, options)
@@ -249,7 +249,7 @@ def _built(
 ) -> Problem:
     """Return a problem with another law of friction, other stretches that are left out, or other unknowns."""
     if pushed is None:
-        pushed = [item for item in problem.stops if item.pushed]
+        pushed = [stop for stop in problem.stops if stop.pushed]
     return build(
         experiment or problem.experiment,
         noise=method.noise,
@@ -262,16 +262,20 @@ def _built(
 
 def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list[Stop]:
     """Return the stretches in which errors of the rollouts show that something pushes a joint."""
-    found = []
+    stops = []
     for limb, part in enumerate(problem.limbs):
-        at = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
-        items = [problem.rollouts[k] for k in at]
-        for place, joint in enumerate(part.joints):
-            own = [errors[k].reshape(-1, len(part.joints))[:, place] for k in at]
-            ahead = [(item.loop.held.values - item.q)[item.first :, place] for item in items]
-            noise = [float(encoder_noise(item.q[:, place : place + 1])[0]) for item in items]
-            stretches = pushed_stretches(own, ahead, noise, [item.rate_hz for item in items], strongest)
-            for item, pairs in zip(items, stretches, strict=True):
-                begin = item.begin + item.first
-                found += [Stop(joint, item.recording, begin + a, begin + b, None, True) for a, b in pairs]
-    return found
+        at = [
+            k for k, rollout in enumerate(problem.rollouts) if rollout.limb == limb and rollout.role == "fit"
+        ]
+        rollouts = [problem.rollouts[k] for k in at]
+        for index, joint in enumerate(part.joints):
+            own = [errors[k].reshape(-1, len(part.joints))[:, index] for k in at]
+            ahead = [(rollout.loop.held.values - rollout.q)[rollout.first :, index] for rollout in rollouts]
+            noise = [float(encoder_noise(rollout.q[:, index : index + 1])[0]) for rollout in rollouts]
+            stretches = pushed_stretches(
+                own, ahead, noise, [rollout.rate_hz for rollout in rollouts], strongest
+            )
+            for rollout, pairs in zip(rollouts, stretches, strict=True):
+                begin = rollout.begin + rollout.first
+                stops += [Stop(joint, rollout.recording, begin + a, begin + b, None, True) for a, b in pairs]
+    return stops

@@ -138,7 +138,7 @@ def excite_positions(experiment: Experiment, *, duration_s: float = 20.0) -> Pos
     family = min(best, key=lambda name: best[name][0])
     names = experiment.robot.joint_names or tuple(f"q{j + 1}" for j in range(experiment.robot.n_dof))
     _, q, sentences = best[family]
-    widths = {name: found[0] for name, found in best.items()}
+    widths = {name: design[0] for name, design in best.items()}
     return PositionMotion(experiment.name, family, rate, q, names, widths, bandwidth, sentences)
 
 
@@ -197,11 +197,11 @@ def _motion(
 def _steps(rng: np.random.Generator, swing: float, hold: float, rate: float, count: int) -> Array:
     """Return random levels, each held for one to three times `hold` (s)."""
     out = np.empty(count)
-    place = 0
-    while place < count:
+    start = 0
+    while start < count:
         length = max(1, round(rng.uniform(1.0, 3.0) * hold * rate))
-        out[place : place + length] = rng.uniform(-swing, swing)
-        place += length
+        out[start : start + length] = rng.uniform(-swing, swing)
+        start += length
     return out
 
 
@@ -220,8 +220,8 @@ def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
         problem = build(replace(experiment, recordings=(recording,)))
         measured = measured.copy()
         for rollout in problem.rollouts:
-            found, _ = problem.positions(rollout, problem.start[None])
-            measured[:, list(problem.limbs[rollout.limb].joints)] = found[0]
+            positions, _ = problem.positions(rollout, problem.start[None])
+            measured[:, list(problem.limbs[rollout.limb].joints)] = positions[0]
     return problem
 
 

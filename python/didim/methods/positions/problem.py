@@ -178,13 +178,13 @@ class Problem:
 
     def creeping(self, theta: Array) -> Array:
         """Return the velocities (rad/s or m/s) below which MuJoCo's friction is viscous, ``Fc creep (M^-1)_jj``, (n_dof,)."""
-        found = np.zeros(self.robot.n_dof)
+        creeping = np.zeros(self.robot.n_dof)
         for rollout in self.rollouts:
             x, drive = self._parameters(rollout, theta[None])
             limb = self.limbs[rollout.limb]
             coulomb = [limb.robot.parameter_names.index(f"Fc{j + 1}") for j in range(len(limb.joints))]
-            found[list(limb.joints)] = (x[:, coulomb] * drive[SOFT[0]] / self._slope(rollout, x))[0]
-        return found
+            creeping[list(limb.joints)] = (x[:, coulomb] * drive[SOFT[0]] / self._slope(rollout, x))[0]
+        return creeping
 
     def _slope(self, rollout: Rollout, x: Array) -> Array:
         """Return ``1 / (M^-1)_jj`` at position zero, (n_candidates, n_limb_joints): slopes of friction times creep over rest."""
@@ -286,10 +286,10 @@ def build(
     steps = _steps(robot, limbs, rollouts, values)
     columns = columns_of(experiment, limbs, values, steps)
     weights = [
-        np.ones(len(limbs[item.limb].joints))
+        np.ones(len(limbs[rollout.limb].joints))
         if noise is None
-        else 1.0 / np.array(noise)[list(limbs[item.limb].joints)]
-        for item in rollouts
+        else 1.0 / np.array(noise)[list(limbs[rollout.limb].joints)]
+        for rollout in rollouts
     ]
     problem = Problem(experiment, robot, limbs, rollouts, values, columns, threads, weights, stops=stops)
     if soft:
@@ -313,7 +313,7 @@ def may_be_soft(experiment: Experiment) -> bool:
 def _rollouts(
     experiment: Experiment, limbs: Sequence[Limb], settings: SimulationSettings, stops: Sequence[Stop]
 ) -> list[Rollout]:
-    found = []
+    rollouts = []
     for number, recording in enumerate(experiment.recordings):
         if recording.q_ref is None:
             raise FitError(f"recording '{recording.name}' has no commanded positions: [recording.reference]")
@@ -333,14 +333,14 @@ def _rollouts(
                 )
                 start = start_state(q, rate)
                 first = left_out(len(q), rate)
-                found.append(Rollout(k, number, count, recording.role, loop, q, first, start, rate, begin))
+                rollouts.append(Rollout(k, number, count, recording.role, loop, q, first, start, rate, begin))
     if not any(item.role == "fit" for item in experiment.recordings):
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     whole = sum(b - a for item in experiment.recordings if item.role == "fit" for a, b in item.windows)
     for k, limb in enumerate(limbs):
-        used = sum(len(item.q) for item in found if item.limb == k and item.role == "fit")
+        used = sum(len(item.q) for item in rollouts if item.limb == k and item.role == "fit")
         refuse_little(experiment, stops, limb, used, whole)
-    return found
+    return rollouts
 
 
 def left_out(count: int, rate: float) -> int:
@@ -365,14 +365,14 @@ def start_state(q: Array, rate: float) -> tuple[Array, Array]:
 def _steps(robot: Robot, limbs: Sequence[Limb], rollouts: Sequence[Rollout], values: Values) -> Steps:
     n = robot.n_dof
     error, speed, inertia, count = (np.zeros(n) for _ in range(4))
-    for item in rollouts:
-        at = list(limbs[item.limb].joints)
-        held = item.loop.held
-        error[at] += np.sum((held.values - item.q) ** 2, axis=0)
-        speed[at] += np.sum((np.diff(item.q, axis=0) * held.rate_hz) ** 2, axis=0)
-        count[at] += len(item.q)
-        limb = limbs[item.limb]
-        m = inertia_matrix(limb.robot, item.q[:1], values.along(item.recording).x[limb.indices])[0]
+    for rollout in rollouts:
+        at = list(limbs[rollout.limb].joints)
+        held = rollout.loop.held
+        error[at] += np.sum((held.values - rollout.q) ** 2, axis=0)
+        speed[at] += np.sum((np.diff(rollout.q, axis=0) * held.rate_hz) ** 2, axis=0)
+        count[at] += len(rollout.q)
+        limb = limbs[rollout.limb]
+        m = inertia_matrix(limb.robot, rollout.q[:1], values.along(rollout.recording).x[limb.indices])[0]
         inertia[at] = np.maximum(inertia[at], np.diag(m))
     kp = values.drive["kp"]
     tiny = 1e-9

@@ -52,22 +52,22 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
     """
     problem = build(experiment)
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    found = [
-        Lack(item.sentence, "Log the joint moving freely, or go on without these stretches", item.joints)
-        for item in findings_of(experiment, problem.stops)
+    sentences = [
+        Lack(each.sentence, "Log the joint moving freely, or go on without these stretches", each.joints)
+        for each in findings_of(experiment, problem.stops)
     ]
-    said = []
+    remarks = []
     held = unidentified(problem, now, error=MODEL_ERROR)
-    now.free[[item.column for item in held]] = False
-    for sentence, items in by_sentence(problem, held).items():
-        joints = {joint + 1 for item in items for joint in problem.columns[item.column].joints}
+    now.free[[each.column for each in held]] = False
+    for sentence, held_columns in by_sentence(problem, held).items():
+        joints = {joint + 1 for each in held_columns for joint in problem.columns[each.column].joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
-        found.append(Lack(sentence, advice, tuple(sorted(joints))))
+        sentences.append(Lack(sentence, advice, tuple(sorted(joints))))
     share = _shares(experiment, problem, now)
     for kind in dict.fromkeys(column.kind for column in problem.columns):
         at = [k for k, c in enumerate(problem.columns) if c.kind == kind and np.isfinite(share[k])]
         if at and kind not in ("Off", "bias_rad", "delay_s", "lag_s"):  # they have no size of their own
-            said.append(f"{kind}: 95 % intervals of about {_range_text(share[at])}, before the fit")
+            remarks.append(f"{kind}: 95 % intervals of about {_range_text(share[at])}, before the fit")
         poor = [k for k in at if share[k] > POOR and kind in ("Ia", "Fv", "Fc")]
         if poor:
             names = series(where_of(problem.robot, problem.columns[k]) for k in poor)
@@ -75,8 +75,8 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
                 f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )
             advice = "Log faster, and command steps or a chirp up to the bandwidth of the loop (didim excite --positions)"
-            found.append(Lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
-    return found, said
+            sentences.append(Lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
+    return sentences, remarks
 
 
 def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:

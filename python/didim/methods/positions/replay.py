@@ -52,26 +52,26 @@ class Replay:
 def position_errors(replays: Sequence[Replay]) -> dict[str, list[float]]:
     """Return the rms error of each joint (rad or m) by recording, its rollouts together."""
     parts: dict[str, list[Replay]] = {}
-    for item in replays:
-        parts.setdefault(item.name, []).append(item)
+    for replay in replays:
+        parts.setdefault(replay.name, []).append(replay)
     return {
-        name: [rms_error(items, joint) for joint in range(items[0].measured.shape[1])]
-        for name, items in parts.items()
+        name: [rms_error(values, joint) for joint in range(values[0].measured.shape[1])]
+        for name, values in parts.items()
     }
 
 
 def rms_error(replays: Sequence[Replay], joint: int) -> float:
     """Return the rms error of a joint (rad or m) over rollouts; NaN where none of it is compared."""
-    errors = np.concatenate([item.errors(joint) for item in replays])
+    errors = np.concatenate([replay.errors(joint) for replay in replays])
     return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
 
 def error_lines(errors: dict[str, list[float]]) -> list[str]:
     """Return the errors as text, a line per recording."""
-    found = ["rms errors of positions, simulated with the result (mrad or mm), joint by joint:"]
+    lines = ["rms errors of positions, simulated with the result (mrad or mm), joint by joint:"]
     for name, values in errors.items():
-        found.append(f"recording '{name}'  " + "  ".join(f"{1e3 * value:.2f}" for value in values))
-    return found
+        lines.append(f"recording '{name}'  " + "  ".join(f"{1e3 * value:.2f}" for value in values))
+    return lines
 
 
 def pushed_of(fit: Identification, experiment: Experiment) -> list[Stop]:
@@ -104,20 +104,20 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
             f"{experiment.name}: the result is of other unknowns; it has no {lacking[0] if lacking else 'such robot'}"
         )
     theta = np.array([values[column.name] for column in problem.columns])
-    found: dict[tuple[int, int], Replay] = {}
-    for item in problem.rollouts:
-        recording = experiment.recordings[item.recording]
-        first, last = recording.windows[item.window]
-        key = item.recording, item.window
-        if key not in found:
+    replays: dict[tuple[int, int], Replay] = {}
+    for rollout in problem.rollouts:
+        recording = experiment.recordings[rollout.recording]
+        first, last = recording.windows[rollout.window]
+        key = rollout.recording, rollout.window
+        if key not in replays:
             assert recording.q_ref is not None
             both = recording.q_ref[first:last], recording.measured_positions()[first:last]
-            t = np.arange(last - first) / item.rate_hz
+            t = np.arange(last - first) / rollout.rate_hz
             empty = np.full(both[0].shape, np.nan), np.zeros(both[0].shape, dtype=bool)
-            found[key] = Replay(recording.name, recording.role, t, *both, *empty)
-        simulated, _ = problem.positions(item, theta[None])
-        begin = item.begin - first
-        for place, joint in enumerate(problem.limbs[item.limb].joints):
-            found[key].simulated[begin : begin + len(item.q), joint] = simulated[0, :, place]
-            found[key].compared[begin + item.first : begin + len(item.q), joint] = True
-    return list(found.values())
+            replays[key] = Replay(recording.name, recording.role, t, *both, *empty)
+        simulated, _ = problem.positions(rollout, theta[None])
+        begin = rollout.begin - first
+        for index, joint in enumerate(problem.limbs[rollout.limb].joints):
+            replays[key].simulated[begin : begin + len(rollout.q), joint] = simulated[0, :, index]
+            replays[key].compared[begin + rollout.first : begin + len(rollout.q), joint] = True
+    return list(replays.values())

@@ -132,7 +132,9 @@ def search(
             # The step that promises less than the tolerance is the last one, and the derivatives before it are good enough.
             last = -float(2.0 * b @ step + step @ a @ step) <= tolerance * now.cost
             # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
-            tried, found = (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
+            tried, derivatives = (
+                (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
+            )
             cost = _cost(problem, tried, trial, rows)
             if cost < now.cost:  # not so where a run has ended early, for NaN is not smaller
                 accepted = True
@@ -146,9 +148,9 @@ def search(
                 max(now.cost, 1e-300)
             )
             now.theta, now.cost, damping = trial, cost, max(damping / LOWER, LEAST_DAMPING)
-            if found is None and not last:
-                tried, found = problem.derivatives(trial)
-            now.errors, now.blocks = tried, now.blocks if found is None else found
+            if derivatives is None and not last:
+                tried, derivatives = problem.derivatives(trial)
+            now.errors, now.blocks = tried, now.blocks if derivatives is None else derivatives
         rms = math.sqrt(now.cost / rows)
         now.history.append(
             Iteration(

@@ -83,7 +83,7 @@ class Stop:
 
 def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> list[Stop]:
     """Return all stretches in which something holds a joint."""
-    found = []
+    stops = []
     for number, recording in enumerate(experiment.recordings):
         if recording.q_ref is None:
             continue
@@ -93,17 +93,17 @@ def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> l
             at = list(limb.joints)
             q, r = measured[begin:end][:, at], recording.q_ref[begin:end][:, at]
             pull, lasts_s = _pull(limb, values.along(number), q, r, rate)
-            for place, joint in enumerate(at):
+            for index, joint in enumerate(at):
                 held = _held(
-                    q[:, place],
-                    (r - q)[:, place],
-                    pull[:, place],
-                    math.ceil(lasts_s[place] * rate),
+                    q[:, index],
+                    (r - q)[:, index],
+                    pull[:, index],
+                    math.ceil(lasts_s[index] * rate),
                     float(noise[joint]),
                     experiment.robot.limits[joint].position,
                 )
-                found += [Stop(joint, number, begin + a, begin + b, limit) for a, b, limit in held]
-    return found
+                stops += [Stop(joint, number, begin + a, begin + b, limit) for a, b, limit in held]
+    return stops
 
 
 def _pull(limb: Limb, values: Values, q: Array, r: Array, rate: float) -> tuple[Array, Array]:
@@ -130,7 +130,7 @@ def _held(
     if count >= len(q) or not moving.any():
         return []
     usual = max(float(np.median(np.abs(pull[moving]))), noise)
-    found = []
+    stretches = []
     for side in (-1.0, 1.0):
         held = _pulled(side * q, np.minimum(side * pull, side * ahead), count, PULL * usual)
         end = math.inf if limits is None else side * limits[0 if side < 0.0 else 1]
@@ -150,9 +150,9 @@ def _held(
             while b < len(q) and side * q[b] > level:
                 b += 1
             at_end = bool(np.max(side * q[a:b]) > near_end)
-            found.append((a, b, side * end if at_end else None))
+            stretches.append((a, b, side * end if at_end else None))
             last = b
-    return found
+    return stretches
 
 
 def _pulled(q: Array, pull: Array, count: int, least: float) -> NDArray[np.bool_]:
@@ -203,13 +203,13 @@ def pushed_stretches(
         return [[] for _ in errors]
     # The strongest pushes are left out first, because they raise the errors of other blocks.
     limit = max(limit, strongest * np.max(every))
-    found = []
+    stretches = []
     for share, one, quiet, size, rows in zip(shares, e, noise, sizes, errors, strict=True):
         share[one < NOISY * quiet] = 0.0
         # The blocks beside one have the ends of a push, and what it leaves.
         wide = np.convolve(share > limit, [1, 1, 1])[1:-1] > 0
-        found.append([(b * size, len(rows) if c == len(share) else c * size) for b, c in _runs(wide)])
-    return found
+        stretches.append([(b * size, len(rows) if c == len(share) else c * size) for b, c in _runs(wide)])
+    return stretches
 
 
 def _blocks(values: Array, size: int) -> Array:
@@ -225,9 +225,9 @@ def free_stretches(
     """Return the stretches of a window in which nothing holds a joint of a limb; the window itself without stops."""
     begin, end = window
     free, pad = np.ones(end - begin, dtype=bool), math.ceil(PAD_S * rate_hz)
-    for item in stops:
-        if item.recording == recording and item.joint in limb.joints:
-            free[max(item.begin - pad - begin, 0) : max(item.end + pad - begin, 0)] = False
+    for stop in stops:
+        if stop.recording == recording and stop.joint in limb.joints:
+            free[max(stop.begin - pad - begin, 0) : max(stop.end + pad - begin, 0)] = False
     if free.all():
         return [window]
     return [(begin + a, begin + b) for a, b in _runs(free) if b - a >= LEAST_S * rate_hz]
@@ -243,12 +243,13 @@ def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, use
     """
     if used >= LEAST_SHARE * whole:
         return
-    mine = [item for item in stops if item.joint in limb.joints]
+    own_stops = [stop for stop in stops if stop.joint in limb.joints]
     times = {
-        joint: sum(item.end - item.begin for item in mine if item.joint == joint) for joint in limb.joints
+        joint: sum(stop.end - stop.begin for stop in own_stops if stop.joint == joint)
+        for joint in limb.joints
     }
     worst = max(times, key=lambda joint: times[joint])
-    rate = experiment.recordings[mine[0].recording].rate_hz
+    rate = experiment.recordings[own_stops[0].recording].rate_hz
     raise FitError(
         f"{experiment.name}: {experiment.robot.joint_label(worst)} is held by the end of its range or a contact for "
         f"{times[worst] / rate:.3g} s, and too little is left: log it moving freely, or lock it (didim init --lock)"
@@ -257,27 +258,29 @@ def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, use
 
 def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
     """Return a finding for each joint that something holds."""
-    found, several = [], len(experiment.recordings) > 1
-    for joint, pushed in sorted({(item.joint, item.pushed) for item in stops}):
-        mine = [item for item in stops if (item.joint, item.pushed) == (joint, pushed)]
-        mine.sort(key=lambda item: (item.recording, item.begin))
-        rates = [experiment.recordings[s.recording].rate_hz for s in mine]
-        names = tuple(dict.fromkeys(experiment.recordings[s.recording].name for s in mine))
-        found.append(
+    findings, several = [], len(experiment.recordings) > 1
+    for joint, pushed in sorted({(stop.joint, stop.pushed) for stop in stops}):
+        own_stops = [stop for stop in stops if (stop.joint, stop.pushed) == (joint, pushed)]
+        own_stops.sort(key=lambda stop: (stop.recording, stop.begin))
+        rates = [experiment.recordings[s.recording].rate_hz for s in own_stops]
+        names = tuple(dict.fromkeys(experiment.recordings[s.recording].name for s in own_stops))
+        findings.append(
             Finding(
                 code="held",
                 grade="note",
                 joints=(joint + 1,),
                 recordings=names,
-                value=sum((s.end - s.begin) / rate for s, rate in zip(mine, rates, strict=True)),
+                value=sum((s.end - s.begin) / rate for s, rate in zip(own_stops, rates, strict=True)),
                 facts={
                     "name": experiment.robot.joint_label(joint),
-                    "limits": sorted({s.limit for s in mine if s.limit is not None}),
+                    "limits": sorted({s.limit for s in own_stops if s.limit is not None}),
                     "pushed": pushed,
-                    "contact": any(s.limit is None for s in mine),
-                    "times": [[s.begin / rate, s.end / rate] for s, rate in zip(mine, rates, strict=True)],
-                    "of": [experiment.recordings[s.recording].name for s in mine] if several else [],
+                    "contact": any(s.limit is None for s in own_stops),
+                    "times": [
+                        [s.begin / rate, s.end / rate] for s, rate in zip(own_stops, rates, strict=True)
+                    ],
+                    "of": [experiment.recordings[s.recording].name for s in own_stops] if several else [],
                 },
             )
         )
-    return found
+    return findings
