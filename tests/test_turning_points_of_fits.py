@@ -86,9 +86,9 @@ def test_products_take_three_solutions_for_their_weights_and_stop_at_rounding(
     assert len(solved) == 3
     assert products.predicted(np.ones(1))[0] == pytest.approx(1e-14 * 40.0, rel=1e-3, abs=0.0)
     # Two columns that are one share what they explain, the sum of both less the ridge.
-    gram, right = np.full((1, 2, 2), 1.0), np.ones((1, 2))
+    gram, right = np.full((2, 2), 1.0), np.ones(2)
     part = Part(products.g, products.h[0], products.y, np.ones(1))
-    assert plain(part, gram, right)[0].sum() == pytest.approx(1.0 - 1e-11, abs=2e-12)
+    assert plain(part, gram, right).sum() == pytest.approx(1.0 - 1e-11, abs=2e-12)
 
 
 @pytest.mark.parametrize(("log_gain", "told"), [(0.045, 0), (0.055, 1)])
