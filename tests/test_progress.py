@@ -130,3 +130,11 @@ def test_a_study_says_how_long_it_takes(
     text = terminal.getvalue()
     assert ("study: 1 of " in text) is expected
     assert text.endswith("\r\033[K") is expected
+
+
+def test_verbose_lines_fit_100_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    """The conclusion of DIDIM is longer than a line: it wraps, and no word is lost."""
+    fit = didim.identify(noisy(0), didim.DIDIM(physical=False), verbose=True)
+    text = capsys.readouterr().err
+    assert max(map(len, text.splitlines())) <= 100
+    assert fit.conclusion in " ".join(text.split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,6 +25,9 @@ from .job import MeasuredRows
 from .measured import law_along, measured_along
 from .method import FitSettings, Method, MethodSettings
 from .table import method_of
+
+COLUMNS = 100
+"""Width of the lines that `identify` prints when verbose; longer ones wrap between words."""
 
 
 def identify(
@@ -83,7 +87,8 @@ def identify(
 
     def say(text: str) -> None:
         if verbose:
-            print(f"{method.name}: {text}", file=sys.stderr, flush=True)
+            lines = textwrap.fill(f"{method.name}: {text}", COLUMNS, subsequent_indent="  ")
+            print(lines, file=sys.stderr, flush=True)
         elif line is not None:
             line.show(f"{method.name}: {text}")
 

@@ -32,7 +32,7 @@ pub enum SimulationError {
     /// A schedule made for another controller.
     #[error("the schedule was made for another controller: only one of them is digital")]
     Schedule,
-    /// A signal that is none.
+    /// Invalid signal.
     #[error(transparent)]
     Signal(#[from] ControlError),
 }
