@@ -271,6 +271,21 @@ def test_the_page_is_served_and_moves(log: Path) -> None:
         page.close()
 
 
+@pytest.mark.parametrize("name", ["emps", "planar2"])
+def test_the_camera_stands_away_from_the_robot(name: str) -> None:
+    """The frames of a single joint are all in one place, and a box around them has no size."""
+    pytest.importorskip("viser")
+    from didim.view.page import Page
+
+    robot = didim.load_robot(name)
+    page = Page(robot, shapes.skeleton(robot), [], port=free_port())
+    try:
+        camera = page._server.initial_camera
+        assert np.linalg.norm(np.subtract(camera.position, camera.look_at)) > shapes.reach(robot)
+    finally:
+        page.close()
+
+
 def test_the_address_is_printed_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

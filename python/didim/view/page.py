@@ -149,7 +149,9 @@ class Page:
         middle = 0.5 * (low + high)
         away = np.array(VIEWED_FROM) / np.linalg.norm(VIEWED_FROM)
         camera = self._server.initial_camera
-        camera.position = tuple(middle + CAMERA_DISTANCE * float(np.linalg.norm(high - low)) * away)
+        # The frames of one joint are all in one place: a camera there would look at itself.
+        size = max(float(np.linalg.norm(high - low)), reach(self.robot))
+        camera.position = tuple(middle + CAMERA_DISTANCE * size * away)
         camera.look_at = tuple(middle)
 
     def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:
