@@ -98,7 +98,7 @@ def whiteness_findings(
     relative_error : (n_dof,) array
         Error of each joint's torque over that torque.
     uncertainty, std
-        How the standard deviations were found, and these, (b,): those of the jackknife have grown already.
+        How the standard deviations were found, and these, (b,): jackknife ones have grown already.
     """
     joints = np.flatnonzero(measured.coloured)
     if not len(joints):

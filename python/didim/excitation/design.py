@@ -164,7 +164,7 @@ class Excitation(Pickled, Printed):
     @property
     def gain(self) -> str:
         """Return the sentence on the gain by the design."""
-        text = f"standard deviations are {self.ratio:.2f} of those of the random motion in the geometric mean"
+        text = f"standard deviations are {self.ratio:.2f} of those of the random motion (geometric mean)"
         # Earlier logs add the same information to both motions, whose length does not replace it.
         return text if self.settings.prior else f"{text}, as after {1.0 / self.ratio**2:.1f} times its length"
 

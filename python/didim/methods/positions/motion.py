@@ -83,7 +83,7 @@ class PositionMotion:
         )
         lines = [
             f"{self.name}: {self.family}, {len(self.q) / self.rate_hz:g} s at {self.rate_hz:g} Hz",
-            f"intervals of the others are wider, in the geometric mean: {others} times",
+            f"intervals of the others are wider: {others} times (geometric mean)",
             f"bandwidths of the loops (Hz): {'  '.join(f'{value:.2g}' for value in self.bandwidth_hz)}",
         ]
         return "\n".join([*lines, *(f"- {text}" for text in self.unidentified)])
