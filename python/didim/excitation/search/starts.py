@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 
 import numpy as np
 
@@ -209,11 +209,15 @@ def search_all(
 
     interrupted = False
     with ThreadPoolExecutor(max_workers=max(1, min(threads, len(starts)))) as pool:
-        futures = [pool.submit(one, index) for index in range(len(starts))]
-        pending = set(futures)
-        while pending:
+        futures: list[Future[Array]] = []
+        running = True
+        while running:
             try:
-                pending = wait(pending, timeout=POLL_S).not_done
+                # Threads search, and report, before the last one is started.
+                while len(futures) < len(starts):
+                    futures.append(pool.submit(one, len(futures)))
+                while running:
+                    running = bool(wait(futures, timeout=POLL_S).not_done)
             except KeyboardInterrupt:
                 # A second Ctrl-C while the threads finish is raised as usual.
                 interrupted = True
