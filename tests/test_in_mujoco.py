@@ -225,7 +225,7 @@ def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
 
 
 def test_a_replay_in_short_steps_has_no_error_of_its_own(tmp_path: Path) -> None:
-    """Of a log by MuJoCo without noise a replay leaves the error of the fit, a few urad, also where the file has implicit steps."""
+    """A replay leaves the error of the fit to a log by MuJoCo without noise, a few urad, also where the file has implicit steps."""
     steps = arm_text(truth=True).replace("implicitfast", "RK4")
     r = arm_commands(np.random.default_rng(3), 400)
     np.savez(tmp_path / "log.npz", q=followed(mujoco, steps, r, 50.0, 0.02, 5e-4), r=r)

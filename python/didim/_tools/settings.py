@@ -75,7 +75,7 @@ def share(
     inside: bool = False,
 ) -> float:
     """Return a number from zero to a bound, which are included unless it must be `inside` of them; other parameters as `whole`."""
-    number = _number(value)
+    number = real_number(value)
     if 0.0 < number < most or (not inside and number in (0.0, most)):
         return number
     raise error(f"{name} must be between 0 and {most:g}, got {brief(repr(value))}")
@@ -83,13 +83,13 @@ def share(
 
 def positive(name: str, value: object, error: type[DidimError], unit: str = "number") -> float:
     """Return a positive finite number; `unit` is its noun in the message, other parameters as `whole`."""
-    number = _number(value)
+    number = real_number(value)
     if 0.0 < number < float("inf"):
         return number
     raise error(f"{name} must be a positive {unit}, got {brief(repr(value))}")
 
 
-def _number(value: object) -> float:
+def real_number(value: object) -> float:
     """Return a real number as a float; nan for anything else, and for a whole number that no float holds."""
     if isinstance(value, Real) and not isinstance(value, bool):
         with suppress(OverflowError):

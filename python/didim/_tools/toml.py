@@ -17,6 +17,7 @@ from typing import Any, NoReturn, TypeVar
 from ..errors import DidimError
 from .inputs import read_small_file
 from .keys import NO_KEYS, Keys
+from .settings import real_number
 from .words import brief, counted, did_you_mean, listing, nearest
 
 MISSING: Any = object()
@@ -318,12 +319,7 @@ class Table:
 
     def _finite(self, key: str, value: object, where: str = "") -> float:
         """Return a finite number within the declared bounds of its key; `place` follows the key in messages."""
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(f"{key}{where} must be a finite number, got {brief(repr(value))}")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf  # an integer of more than 308 digits
+        number = real_number(value)
         if not math.isfinite(number):
             self.fail(f"{key}{where} must be a finite number, got {brief(repr(value))}")
         self._check_range(key, number, where)

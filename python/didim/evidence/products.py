@@ -152,8 +152,8 @@ class Products:
     def judged(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Judged:
         """Return the errors where channel c is predicted by the rows of joint ``order[c]`` times ``factors[c]``."""
         unseen, beta, std = np.empty(self.g.shape[:2]), np.zeros(len(self.scale)), np.zeros(len(self.scale))
-        for channels, columns, errors in self._by_part("judged", order, factors):
-            unseen[channels], beta[columns], std[columns] = errors
+        for channels, columns, own in self._by_part("judged", order, factors):
+            unseen[channels], beta[columns], std[columns] = own
         return Judged(unseen, beta / self.scale, std / self.scale)
 
     def seen(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:

@@ -25,8 +25,8 @@ from .specs import ControllerSpec, ReferenceSpec
 LEAST_NOISE_SAMPLES = 50
 """Smallest number of samples of a window whose noise is estimated."""
 MOST_DECLARED = 3_000_000
-"""Largest number of recorded values per quantity of a run whose length the file declares: a few bytes then take most of a
-gigabyte. Recordings pay for their length themselves."""
+"""Largest number of recorded values per quantity of a run whose length the file declares: a few bytes can take most of a
+gigabyte. The log of a long recording is a large file itself."""
 
 
 def closed_loop(

@@ -1,4 +1,4 @@
-"""Where a robot comes from: a URDF, into which it goes back, and the logs of its identified parameter sets.
+"""Sources of a robot: a URDF, into which it goes back, and the logs of its identified parameter sets.
 
 Of the URDF: names of joints and links, and the constant poses of their frames. Tested in ``tests/test_urdf.py`` and
 ``tests/test_origin.py``.
@@ -160,7 +160,8 @@ class Origin:
     verdict : str
         "sound" or "doubtful": how the fit ended.
     missed_percent : float
-        Torques that the model misses, rms, on blocks of the log left out, as a share of the measured ones (%).
+        Torques that the model misses, rms, on blocks of the log left out, as a share of the measured ones (%); of a fit on
+        positions, those of its servos on all of the log.
     """
 
     data: str

@@ -106,11 +106,12 @@ def segments(
     torque = recording.driving
     if torque is None:
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
+    step = None if recording.dq is not None else encoder_step(recording.measured_positions())
     parts = []
     for window, (start, stop) in enumerate(recording.windows):
         where = place_of(recording, (start, stop))
         with at_place(where):
-            measured: tuple[Array, ...] = motion_of(recording, (start, stop), signal)
+            measured: tuple[Array, ...] = motion_of(recording, (start, stop), signal, step)
             if recording.temperature is not None:
                 measured = (*measured, recording.temperature[start:stop])
             motion, tau = align(measured, without_spikes(torque[start:stop], signal), delay_samples)
@@ -120,11 +121,12 @@ def segments(
 
 
 def motion_of(
-    recording: Recording, window: tuple[int, int], signal: SignalProcessing
+    recording: Recording, window: tuple[int, int], signal: SignalProcessing, step: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Filter a window, and return ``q dq ddq``; measured velocities replace differences of the positions.
 
-    Positions that lie on the grid of an encoder are first smoothed between its steps.
+    Positions that lie on the grid of an encoder are first smoothed between its steps, `step` (n_dof,), by default those that the
+    whole recording shows (`encoder_step`).
 
     Raises
     ------
@@ -135,8 +137,8 @@ def motion_of(
     every, rate = recording.measured_positions(), recording.rate_hz
     if recording.dq is not None:
         return differentiate(every[start:stop], rate, signal, recording.dq[start:stop])
-    smooth = between_steps(every[start:stop], rate, signal, encoder_step(every))
-    return differentiate(smooth, rate, signal)
+    grid = encoder_step(every) if step is None else step
+    return differentiate(between_steps(every[start:stop], rate, signal, grid), rate, signal)
 
 
 def trimmed(

@@ -213,7 +213,7 @@ def search_all(
         running = True
         while running:
             try:
-                # Threads search, and report, before the last one is started.
+                # All of it, for threads search and report before the last one is started, and Ctrl-C may come between two looks.
                 while len(futures) < len(starts):
                     futures.append(pool.submit(one, len(futures)))
                 while running:

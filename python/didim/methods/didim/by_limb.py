@@ -116,8 +116,8 @@ class LimbSimulator(LogSimulator):
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window of the limb; an early end has the number of the joint in the robot."""
-        found = super().simulate(x, scale, checked)
-        return found.of_limb(self.place.joints) if isinstance(found, Outcome) else found
+        run = super().simulate(x, scale, checked)
+        return run.of_limb(self.place.joints) if isinstance(run, Outcome) else run
 
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate of the robot."""
@@ -207,7 +207,7 @@ class ByLimb(Iterations):
         windows = [part.simulator.windows for part in self.parts]
         sizes = np.array([np.linalg.norm(part.iterate.x) for part in self.parts])
         torques = np.array([np.linalg.norm(part.solved.system.measured) for part in self.parts])
-        raw = np.array([math.sqrt(sum(float(np.sum(item.tau**2)) for item in each)) for each in windows])
+        raw = np.array([math.sqrt(sum(float(np.sum(window.tau**2)) for window in own)) for own in windows])
 
         def total(values: Iterable[float], of: Array) -> float:
             return ratio(np.linalg.norm(np.array([*values]) * of), np.linalg.norm(of))
@@ -260,16 +260,16 @@ class ByLimb(Iterations):
 
     def _side_by_side(self, values: Sequence[Array]) -> Array:
         """Return the values of each limb's joints, (..., n_limb_joints), as those of the robot, (..., n_dof)."""
-        found = np.empty((*values[0].shape[:-1], self.problem.robot.n_dof))
+        whole = np.empty((*values[0].shape[:-1], self.problem.robot.n_dof))
         for place, own in zip(self.places, values, strict=True):
-            found[..., place.joints] = own
-        return found
+            whole[..., place.joints] = own
+        return whole
 
     def _joined(self, iterates: Sequence[Iterate]) -> Iterate:
         """Return the iterate of the robot of one of each limb."""
-        x, windows, runs = self._x.copy(), self.simulator.windows, [item.simulated for item in iterates]
-        for place, item in zip(self.places, iterates, strict=True):
-            x[place.limb.indices] = item.x
+        x, windows, runs = self._x.copy(), self.simulator.windows, [iterate.simulated for iterate in iterates]
+        for place, iterate in zip(self.places, iterates, strict=True):
+            x[place.limb.indices] = iterate.x
         motions = []
         for each in zip(*(run.motions for run in runs), strict=True):
             q, dq, ddq, tau = map(self._side_by_side, zip(*each, strict=True))
@@ -280,7 +280,8 @@ class ByLimb(Iterations):
             scale = self._side_by_side(
                 [one if run.scale is None else run.scale for run, one in zip(runs, ones, strict=True)]
             )
-        return Iterate(x, of_motions(windows, x, motions, scale), max(item.iteration for item in iterates))
+        number = max(iterate.iteration for iterate in iterates)
+        return Iterate(x, of_motions(windows, x, motions, scale), number)
 
     def _solved(self) -> Solved:
         """Return the solution of all rows, with the errors of the limbs that ended at the fixed point of a slack loop."""

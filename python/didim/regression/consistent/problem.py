@@ -230,12 +230,12 @@ class ConstrainedProblem:
 
     def _found(self, solved: _core.ConsistentSolutions, rows: Array, right: Array) -> list[Constrained]:
         solutions = []
-        for u, z, (ending, point), iterations in zip(
+        for u, z, (ending, broken), iterations in zip(
             solved.x, right, solved.endings, solved.iterations, strict=True
         ):
-            if point is not None:
+            if broken is not None:
                 raise FitError(
-                    f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[point].label} contradicts "
+                    f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[broken].label} contradicts "
                     "the others, or the parameters that are fixed or dropped"
                 )
             x = self.unknowns @ u
@@ -278,10 +278,10 @@ class ConstrainedProblem:
 def _beside(matrix: Array, count: int) -> Array:
     """Return a matrix extended by the identity for further parameters."""
     rows, columns = matrix.shape
-    identity = np.eye(rows + count, columns + count, columns - rows)
-    identity[:rows, :] = 0.0
-    identity[:rows, :columns] = matrix
-    return identity
+    extended = np.eye(rows + count, columns + count, columns - rows)
+    extended[:rows, :] = 0.0
+    extended[:rows, :columns] = matrix
+    return extended
 
 
 def _drawn(condition: Cone, weight: float) -> Cone:
