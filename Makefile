@@ -70,7 +70,7 @@ coverage: $(VENV)/.built $(VENV)/.group-test
 coverage-rust:
 	RUSTFLAGS="-C no-prepopulate-passes" cargo llvm-cov --summary-only --fail-under-lines 90
 
-lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint
+lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint $(VENV)/.group-docs
 	cargo fmt --all --check
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
