@@ -20,6 +20,7 @@ from .options import (
     refuse,
 )
 from .outputs import Saved, check_outputs
+from .terminal.width import columns
 
 if TYPE_CHECKING:
     from ..experiment.experiment import Experiment
@@ -103,6 +104,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..experiment.experiment_file import load_experiment
     from ..studies.compare import SHORT_SIMPLEX, all_methods, compare
+    from ..studies.comparison import COLUMNS as WIDEST
     from ..studies.comparison import text_of
     from ..studies.simulated_log import packaged_experiment
 
@@ -137,7 +139,7 @@ def run(options: argparse.Namespace) -> int:
     saved = Saved()
     saved.save(options.json, comparison.save)
     saved.save_report(options.report, comparison)
-    text = text_of(comparison, every=options.all)
+    text = text_of(comparison, every=options.all, width=min(WIDEST, columns() or WIDEST))
     saved.show(
         text if options.format == "text" else formatted(comparison, options.format),
         exact=options.format != "text",

@@ -81,16 +81,26 @@ def identify(
         method = replace(method, uncertainty=uncertainty)
 
     method = method.for_logs(experiment) if isinstance(method, FitSettings) else method
+    return identify_as(method.name, experiment, method, callback, verbose)
 
+
+def identify_as(
+    label: str,
+    experiment: Experiment,
+    method: Method,
+    callback: Callable[[Iteration], bool | None] | None = None,
+    verbose: bool | None = None,
+) -> Identification:
+    """Run a method as `identify` does, with its progress under a label."""
     start = time.perf_counter()
     line = ProgressLine() if verbose is None else None
 
     def say(text: str) -> None:
         if verbose:
-            lines = textwrap.fill(f"{method.name}: {text}", COLUMNS, subsequent_indent="  ")
+            lines = textwrap.fill(f"{label}: {text}", COLUMNS, subsequent_indent="  ")
             print(lines, file=sys.stderr, flush=True)
         elif line is not None:
-            line.show(f"{method.name}: {text}")
+            line.show(f"{label}: {text}")
 
     def progress(iteration: Iteration) -> bool:
         error, step = 100.0 * iteration.relative_error, 100.0 * iteration.step

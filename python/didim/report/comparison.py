@@ -11,7 +11,7 @@ from ..methods.table import title_of
 from ..plot.style import percent
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
-from ..studies.comparison import Comparison, duration, off_rms, sentence
+from ..studies.comparison import Comparison, duration, ending, off_rms, sentence
 from ..studies.prediction import predict
 from .fit import aligned_rows, provenance_section, robot_section, well_identified
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
@@ -79,7 +79,7 @@ def _cost_section(comparison: Comparison) -> Html:
                 f"{off:.2f}" if np.isfinite(off) else "-",
                 f"{norm:.3g}" if np.isfinite(norm) else "-",
                 f"{int(well_identified(fit).sum())} of {len(fit.names)}" if known else "-",
-                fit.status.value.partition(":")[0].rstrip("."),
+                ending(fit),
             ]
         )
     head = ["", "iterations", "simulations", "seconds", "off, rms", "norm (19)", "well identified", "status"]

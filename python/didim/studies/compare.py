@@ -5,6 +5,7 @@ Tested in ``tests/test_compare.py``.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
@@ -13,14 +14,14 @@ from .._tools.arrays import Array, quotient
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..methods.cloe.settings import Variant
-from ..methods.identify import identify
+from ..methods.identify import identify_as
 from ..methods.method import Method
-from ..methods.table import method_of
+from ..methods.table import method_of, title_of
 from ..regression.settings import UncertaintyKind
 from ..regression.solver import SolverChoice
 from ..result.identification import Identification
 from ..result.iteration import Iteration
-from .comparison import Comparison
+from .comparison import Comparison, duration, ending
 from .simulated_log import LOG_REFINEMENT, packaged_experiment, simulated_log
 
 PHYSICAL = "didim_physical"
@@ -107,7 +108,8 @@ def compare(
     callback : callable, optional
         Callback with the method and every iteration.
     verbose : bool, optional
-        As for `identify`.
+        True prints a line on stderr when a method ends, False nothing. Unless False, a terminal or a notebook shows the progress of
+        the current method.
 
     Returns
     -------
@@ -137,7 +139,7 @@ def compare(
                 callback(name, iteration)
 
         try:
-            fit = fits[key] = identify(log, method, callback=record, verbose=verbose)
+            fit = fits[key] = identified(key, log, method, record, verbose)
         except FitError as reason:
             # The results of the preceding methods are worth more than an error.
             if not fits:
@@ -152,8 +154,8 @@ def compare(
             and method.max_iterations == fit.settings["cloe"].get("iterations") == SHORT_SIMPLEX
         ):
             notes.append(
-                f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per "
-                "parameter; --nelder-mead full lets it."
+                f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations; --nelder-mead full allows 200 per parameter, "
+                "as fminsearch does."
             )
     sets = {"truth": x, **{name: fit.parameters for name, fit in fits.items()}}
     for method in chosen:
@@ -169,6 +171,20 @@ def compare(
         position_norms(log, sets),
         torque_errors(log, sets),
     )
+
+
+def identified(
+    key: str,
+    log: Experiment,
+    method: Method,
+    callback: Callable[[Iteration], None] | None = None,
+    verbose: bool | None = None,
+) -> Identification:
+    """Run one of several methods; if verbose, print a line with its time and ending on stderr."""
+    fit = identify_as(key, log, method, callback, None if verbose else verbose)
+    if verbose:
+        print(f"{title_of(key)}: {duration(fit.elapsed)}, {ending(fit).lower()}", file=sys.stderr, flush=True)
+    return fit
 
 
 def truth_of(experiment: Experiment, name: str | None = None) -> Array:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -128,8 +128,8 @@ class Comparison:
         return pandas().DataFrame(columns, index=pandas().Index(names, name="parameter"))
 
 
-def text_of(comparison: Comparison, *, every: bool = False) -> str:
-    """Return the summary, then rows of parameters, within 100 columns.
+def text_of(comparison: Comparison, *, every: bool = False, width: int = COLUMNS) -> str:
+    """Return the summary, then rows of parameters.
 
     Parameters
     ----------
@@ -137,6 +137,8 @@ def text_of(comparison: Comparison, *, every: bool = False) -> str:
         Results of methods on one simulated log.
     every : bool
         All base parameters, the torque errors of each joint and the reasons of each verdict; otherwise `FEW` parameters.
+    width : int
+        Largest width of a sentence or a row of parameters; a table with more methods continues below.
     """
     base = comparison.experiment.robot.base_parameters
     recording = comparison.experiment.recordings[0]
@@ -144,76 +146,79 @@ def text_of(comparison: Comparison, *, every: bool = False) -> str:
         f"{comparison.experiment.name}: {recording.t[-1]:g} s at {recording.rate_hz:g} Hz, "
         f"{counted(len(base.names), 'base parameter')}",
         "",
-        *_answer(comparison),
+        *_answer(comparison, width),
         "",
     ]
     if every and comparison.torque_errors:
         lines += [*_joint_errors(comparison), ""]
     few = not every and len(base.names) > FEW
     rows = (
-        np.unique(np.linspace(0, len(base.names) - 1, FEW).round().astype(int))
+        sorted(set(np.linspace(0, len(base.names) - 1, FEW).round().astype(int).tolist()))
         if few
         else range(len(base.names))
     )
-    lines += [*_parameter_rows(comparison, rows), ""]
+    lines += _parameter_rows(comparison, rows, width)
     if few:
         lines += [f"{FEW} of {counted(len(base.names), 'base parameter')}; --all prints all of them.", ""]
     if every and comparison.remarks:
         lines += ["Notes:", *(f"  {text}" for text in comparison.remarks), ""]
     lines += [
-        line for text in (sentence(comparison), *comparison.notes) for line in textwrap.wrap(text, COLUMNS)
+        line for text in (sentence(comparison), *comparison.notes) for line in textwrap.wrap(text, width)
     ]
     return "\n".join(lines)
 
 
-def _answer(comparison: Comparison) -> list[str]:
+def _answer(comparison: Comparison, width: int) -> list[str]:
     """Return the summary: time, error in sigma, error of torques and positions, status and verdict of each method."""
     titles = {name: title_of(name) for name in comparison.fits}
-    width = max(len("(truth)"), *map(len, titles.values()))
+    first = max(len("(truth)"), *map(len, titles.values()))
     lines = [
-        f"{'':{width}}{'seconds':>9}{'simulations':>13}{'off':>6}{'torque %':>10}{'norm (19)':>11}  status, verdict"
+        f"{'':{first}}{'seconds':>9}{'simulations':>13}{'off':>6}{'torque %':>10}{'norm (19)':>11}  status, verdict"
     ]
     for name in ("truth", *comparison.fits):
         shares = comparison.torque_errors.get(name, np.array([np.nan]))
         norm = comparison.norms.get(name, float("nan"))
         cost = f"{'':22}{'':6}"
-        ending = ""
+        outcome = ""
         if name in comparison.fits:
             fit = comparison.fits[name]
             cost = f"{fit.elapsed:>9.2f}{fit.n_simulations:>13}{_off(off_rms(comparison, name)):>6}"
-            ending = f"  {fit.status.value.partition(':')[0].rstrip('.')}, {fit.verdict.state}"
+            outcome = f"  {ending(fit)}, {fit.verdict.state}"
         error = float(np.sqrt(np.mean(shares**2)))
         lines.append(
-            f"{titles.get(name, '(truth)'):{width}}{cost}{f'{100.0 * error:.3g}' if np.isfinite(error) else '-':>10}"
-            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}{ending}"
+            f"{titles.get(name, '(truth)'):{first}}{cost}{f'{100.0 * error:.3g}' if np.isfinite(error) else '-':>10}"
+            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}{outcome}"
         )
     start = comparison.norms.get("start")
     lines += [
         "",
-        *textwrap.wrap(off_explained(comparison), COLUMNS),
-        "torque %: simulated less measured torque over the measured one, rms of the joints, with the noise",
-        "norm (19): of the position errors (rad)"
+        *textwrap.wrap(off_explained(comparison), width),
+        "torque %: error of the simulated torque, as a share of the measured one; rms of the joints",
+        "norm (19): of the errors of the simulated positions (rad)"
         + (f"; {start:.3g} at the start of CLOE" if start is not None else ""),
     ]
     return lines
 
 
-def _parameter_rows(comparison: Comparison, rows: Iterable[int]) -> list[str]:
-    """Return the table of estimates beside the truth, each with its error in standard deviations."""
+def _parameter_rows(comparison: Comparison, rows: Sequence[int], width: int) -> list[str]:
+    """Return tables of estimates beside the truth, each with its error in standard deviations."""
     base = comparison.experiment.robot.base_parameters
     width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
     margin = f"{'':{width_name}} {'':{width_unit}}"
-    upper = f"{margin} {'':>9}" + "".join(
-        f"  {SHORT_TITLES.get(name, title_of(name))[:12]:>12}" for name in comparison.fits
-    )
-    lower = f"{margin} {'truth':>9}" + "  estimate  off" * len(comparison.fits)
-    lines = [upper.rstrip(), lower, "-" * len(lower)]
     off = {name: comparison.deviations(name) for name in comparison.fits}
-    for index in rows:
-        line = f"{base.names[index]:{width_name}} {base.units[index]:{width_unit}} {comparison.truth[index]:9.3g}"
-        for name, fit in comparison.fits.items():
-            line += f" {fit.beta[index]:9.3g}{_off(off[name][index]):>5}"
-        lines.append(line)
+    at_once = max(1, (width - len(margin) - 10) // 15)
+    lines: list[str] = []
+    for first in range(0, len(off), at_once):
+        methods = list(off)[first : first + at_once]
+        upper = "".join(f"{SHORT_TITLES.get(name, title_of(name))[:12]:>15}" for name in methods)
+        lower = f"{margin} {'truth':>9}" + "  estimate  off" * len(methods)
+        lines += [f"{margin} {'':>9}{upper}", lower, "-" * len(lower)]
+        for index in rows:
+            line = f"{base.names[index]:{width_name}} {base.units[index]:{width_unit}} {comparison.truth[index]:9.3g}"
+            for name in methods:
+                line += f" {comparison.fits[name].beta[index]:9.3g}{_off(off[name][index]):>5}"
+            lines.append(line)
+        lines.append("")
     return lines
 
 
@@ -231,15 +236,15 @@ def off_explained(comparison: Comparison) -> str:
     known = [
         fit.uncertainty.degrees_of_freedom for fit in comparison.fits.values() if fit.uncertainty is not None
     ]
-    text = "off: estimate less truth, in standard deviations"
+    text = "off: estimate less truth in standard deviations, above their rms"
     if not known or not math.isfinite(min(known)):
         return text
     from scipy.special import stdtr  # not scipy.stats, which takes half a second to load
 
     share = 2.0 * float(stdtr(min(known), -FAR))
     return (
-        f"{text}; {100.0 * share:.2g} % of right estimates are off by more than {FAR:g} (Student's distribution, "
-        f"{min(known):.0f} degrees of freedom)"
+        f"{text}; {100.0 * share:.2g} % of correct estimates exceed {FAR:g} (Student's distribution, {min(known):.0f} "
+        "degrees of freedom)"
     )
 
 
@@ -297,6 +302,11 @@ def _where(comparison: Comparison, method: str) -> str:
     if np.isfinite(norm) and start > 0.0:
         return f"has {100.0 * norm / start:.2g} % of its starting norm left"
     return "ends"
+
+
+def ending(fit: Identification) -> str:
+    """Return the ending of a fit in a word or two, such as "Converged"."""
+    return fit.status.value.partition(":")[0]
 
 
 def duration(seconds: float) -> str:

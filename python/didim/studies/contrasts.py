@@ -14,11 +14,11 @@ from .._tools.notebook import Printed
 from .._tools.saved import save_json
 from ..experiment.experiment import Experiment
 from ..methods.didim.didim import DIDIM
-from ..methods.identify import identify
 from ..methods.idim_iv import IDIMIV
 from ..methods.idim_ls import IDIMLS
 from ..result.contrast import Contrast, contrast, reading
 from ..result.identification import Identification
+from .compare import identified
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +75,7 @@ def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:
     log : Experiment
         Experiment with recordings, a reference and a controller.
     verbose : bool, optional
-        Report progress on stderr.
+        As for `compare`.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:
         IDIMIV(uncertainty="jackknife"),
         DIDIM(physical=False, uncertainty="jackknife"),
     )
-    fits = {method.name: identify(log, method, verbose=verbose) for method in methods}
+    fits = {method.name: identified(method.name, log, method, verbose=verbose) for method in methods}
     pairs = [("idim-ls", "idim-iv"), ("idim-iv", "didim")]
     known = [pair for pair in pairs if all(fits[name].uncertainty is not None for name in pair)]
     return Contrasts(log.name, fits, tuple(contrast(fits[first], fits[second]) for first, second in known))
