@@ -125,7 +125,7 @@ PYTHON = (
     ),
     Mutation(
         "a regrouped coefficient has the wrong sign",
-        "python/didim/robot/base_parameters.py",
+        "python/didim/robot/parameters.py",
         "matrix[row, other] = coefficient",
         "matrix[row, other] = -coefficient",
         "tests/test_base_parameters.py",

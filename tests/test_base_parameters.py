@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import didim
+from didim.robot.friction import STANDARD_NAMES, FrictionTerm
 from didim.robot.robot import Geometry, Robot
 from robots import make_robot, random_motion, random_parameters, relative, robots
 
@@ -38,6 +39,19 @@ def test_the_names_are_those_of_the_reference_table(shared: Path) -> None:
     # Joint by joint as printed; Table II alone puts Off6 behind the friction of the coupled motors.
     assert names[-3:] == ["Fvm6", "Fcm6", "Off6"]
     assert list(didim.load_robot("tx40").base_parameters.names) == [*names[:-3], "Off6", "Fvm6", "Fcm6"]
+
+
+def test_standard_parameters_know_their_kind_joint_and_side() -> None:
+    asymmetric = didim.load_robot("tx40").with_friction(model="asymmetric")
+    own = FrictionTerm.from_function("My2", 5, lambda speed: speed, fastest=1.0)
+    robot = asymmetric.with_terms([own])
+    assert tuple(parameter.name for parameter in robot.standard_parameters) == robot.parameter_names
+    assert {("XX", 0, ""), ("Fc", 2, "+"), ("Fv", 5, "-"), ("Fcm", 5, ""), ("My2", 5, "")} <= set(
+        robot.standard_parameters
+    )
+    kinds = {parameter.kind for parameter in robot.standard_parameters}
+    # Asymmetric friction has the offset in its sides.
+    assert kinds == {*STANDARD_NAMES, "Fvm", "Fcm", "My2"} - {"Off"}
 
 
 def test_groupings_of_the_tx40_are_sums_of_symbols() -> None:

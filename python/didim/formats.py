@@ -20,7 +20,7 @@ from .monte_carlo.results import StudyResults
 from .monte_carlo.text import NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
-from .robot.base_parameters import BaseParameters
+from .robot.parameters import BaseParameters
 from .studies.comparison import Comparison, off_explained, sentence
 
 FORMATS = ("text", "markdown", "latex", "csv")

@@ -15,6 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..regression.linear_system import LinearSystem
+from ..robot.parameters import friction_names
 from .hypotheses.hypothesis import Hypothesis
 from .hypotheses.positions import scales
 from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
@@ -302,13 +303,10 @@ def confirmed(tried: Tried) -> bool:
 
 def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int]) -> list[float]:
     """Return the viscous and Coulomb friction of joints, from 1, in their standard deviations; zero without such columns."""
-    sigmas = []
-    kinds = [name.rstrip("+-") for name in names]
-    for kind in (f"{kind}{joint}" for joint in joints for kind in ("Fv", "Fc")):
-        places = [index for index, own in enumerate(kinds) if own == kind]
-        std = np.maximum(judged.std[places], 1e-9 * np.abs(judged.beta[places]) + 1e-300)
-        sigmas += (judged.beta[places] / std).tolist()
-    return sigmas or [0.0]
+    own = frozenset().union(*(friction_names(joint - 1) for joint in joints))
+    columns = [index for index, name in enumerate(names) if name in own]
+    std = np.maximum(judged.std[columns], 1e-9 * np.abs(judged.beta[columns]) + 1e-300)
+    return (judged.beta[columns] / std).tolist() or [0.0]
 
 
 def _distinct(tried: Iterable[Tried]) -> list[Tried]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..regression.linear_system import LinearSystem
 from ..result.finding import Finding, Remedy
+from ..robot.parameters import friction_names
 from .causes import Cause, Tried, cause_of_torques
 from .products import Declared
 
@@ -93,9 +94,9 @@ def _tie(tried: Tried) -> dict[str, Any]:
 
 def _friction(rows: Declared, tried: Tried) -> dict[str, float]:
     """Return the friction of a joint as declared, which would drive it."""
-    names = {f"{kind}{joint}" for joint in tried.hypothesis.joints for kind in ("Fv", "Fc")}
+    names = frozenset().union(*(friction_names(joint - 1) for joint in tried.hypothesis.joints))
     return {
         name: float(value)
         for name, value in zip(rows.names, rows.declared.beta, strict=True)
-        if name.rstrip("+-") in names
+        if name in names
     }

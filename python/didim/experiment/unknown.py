@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -73,8 +72,8 @@ class Unknown:
 
 def joint_kinds(robot: Robot) -> tuple[str, ...]:
     """Return the kinds of joint parameters: rotor inertia, friction and its terms."""
-    heads = (re.sub(r"\d+", "", name) for name in robot.parameter_names)
-    return tuple(dict.fromkeys(head for head in heads if head not in INERTIAL))
+    kinds = (parameter.kind for parameter in robot.standard_parameters)
+    return tuple(dict.fromkeys(kind for kind in kinds if kind not in INERTIAL))
 
 
 def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:

@@ -417,7 +417,9 @@ def _check_friction(robot: Robot) -> None:
         raise SimulationError(f"{what} no sign of friction that is kept through rest (hold)")
     if friction.has_load:
         raise SimulationError(f"{what} no friction that depends on the load")
-    if friction.coupling == "printed" and any(name.startswith("Fcm") for name in robot.parameter_names):
+    if friction.coupling == "printed" and any(
+        parameter.kind == "Fcm" for parameter in robot.standard_parameters
+    ):
         raise SimulationError(
             f"{what} coupled motors that rub with the speed of their shafts alone (coupling = 'shaft')"
         )

@@ -44,9 +44,8 @@ def made_up(
     """
     inertia = np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0)
     coulomb = np.zeros(robot.n_dof)
-    for name, value in zip(robot.parameter_names, x, strict=True):
-        if name.startswith("Fc") and not name.startswith("Fcm"):
-            joint = int(name[2:].rstrip("+-")) - 1
-            coulomb[joint] = max(coulomb[joint], abs(float(value)))
+    for parameter, value in zip(robot.standard_parameters, x, strict=True):
+        if parameter.kind == "Fc":
+            coulomb[parameter.joint] = max(coulomb[parameter.joint], abs(float(value)))
     kp = np.maximum(inertia * (2.0 * np.pi * frequency_hz) ** 2, coulomb / error)
     return Controller.pd(kp, DAMPING * np.sqrt(kp * inertia))

@@ -9,6 +9,7 @@ import didim._core as _core
 
 from .._tools.arrays import LARGEST_POSITION, LARGEST_SQUARED, Array, real_array, surely_within
 from ..errors import CoreErrorsAs, IndefiniteError, ShapeError
+from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 from .memory import memory_columns
 
@@ -161,10 +162,8 @@ def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
 
 def friction_places(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the standard parameters of friction and offset."""
-    inertial = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia")
-    return tuple(
-        index for index, name in enumerate(robot.parameter_names) if name.rstrip("0123456789") not in inertial
-    )
+    inertial = (*INERTIAL, "Ia")
+    return tuple(k for k, parameter in enumerate(robot.standard_parameters) if parameter.kind not in inertial)
 
 
 def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
 """Robots: geometry, friction, limits and named parameter sets, and the files they are read from."""
 
-from .base_parameters import BaseParameters as BaseParameters
 from .friction import Friction as Friction
+from .parameters import BaseParameters as BaseParameters

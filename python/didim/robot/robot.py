@@ -21,10 +21,10 @@ from .._tools.pickling import Pickled
 from .._tools.toml import Table
 from .._tools.words import counted, did_you_mean
 from ..errors import RobotError
-from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence, Origin
 from .friction import HOLD_WIDTH, OF_TEMPERATURE, Friction, FrictionTerm, read_friction, read_springs
+from .parameters import BaseParameters, Parameter, base_parameters
 from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
 from .transmission import Actuator, Follower
@@ -246,10 +246,7 @@ class Robot(Pickled):
     @property
     def all_joint_names(self) -> tuple[str, ...]:
         """Names of all joints, coupled ones last; empty where the file has none."""
-        return self.joint_names and (
-            *self.joint_names,
-            *(follower.name for follower in self.geometry.followers),
-        )
+        return self.joint_names and (*self.joint_names, *(each.name for each in self.geometry.followers))
 
     def joint_label(self, joint: int) -> str:
         """Return the label of a joint, from 0, in messages and reports: ``joint 3``, or ``joint 3 (elbow_joint)``."""
@@ -296,6 +293,12 @@ class Robot(Pickled):
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the standard parameters in order (3), friction of coupled motors last."""
         return tuple(self.core.parameter_names)
+
+    @cached_property
+    def standard_parameters(self) -> tuple[Parameter, ...]:
+        """The standard parameters in order (3), by kind, joint and side."""
+        terms = {term.parameter: Parameter(term.name, term.joint) for term in self.friction.terms}
+        return tuple(terms.get(name) or Parameter.of_core(name) for name in self.parameter_names)
 
     @cached_property
     def parameter_units(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem, torque_rows
 from ...regression.logs.parameters import LogParameters
 from ...result.iteration import Iteration
-from ...robot.base_parameters import BaseParameters
+from ...robot.parameters import BaseParameters
 from ..job import Job, ratio
 from .convergence import SAFETY, Contraction
 from .response import Response, noise_of, share_moved

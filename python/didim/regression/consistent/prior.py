@@ -68,10 +68,10 @@ class Prior:
             x[places[f"Ia{j}"]] = inertia
         for j in range(robot.n_dof + 1, robot.n_joints + 1):
             x[places[f"Ia{j}"]] = 1.0
-        for name, index in places.items():
-            if name.startswith(("Fvm", "Fcm")):
+        for index, parameter in enumerate(robot.standard_parameters):
+            if parameter.kind in ("Fvm", "Fcm"):
                 x[index] = 0.1
-            elif name.startswith(("Fv", "Fc")):
+            elif parameter.kind in ("Fv", "Fc"):
                 x[index] = 1.0
         for term in robot.friction.terms:
             if term.law not in FREE:
@@ -118,7 +118,7 @@ def _way(geometry: Geometry, joint: int) -> float:
 def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:
     """Return the mass of the equal solids that fit the torques best, together with the drives."""
     x = one.parameters(robot)
-    inertial = [name.rstrip("0123456789") in INERTIAL for name in robot.parameter_names]
+    inertial = [parameter.kind in INERTIAL for parameter in robot.standard_parameters]
     whole = robot.base_parameters.matrix
     own = [index for index in selection.estimated if index < len(whole)]
     # The further parameters of logs follow those of the robot.

@@ -143,8 +143,8 @@ class ConstrainedProblem:
         if self.simulability is not None:
             wanted = self.simulability
             rates = 1.0 + np.asarray(wanted.damping) + 1.0 / np.asarray(wanted.smoothing)
-            for index, name in enumerate(self.robot.parameter_names):
-                if name.startswith("Ia"):
+            for index, parameter in enumerate(self.robot.standard_parameters):
+                if parameter.kind == "Ia":
                     x[index] *= 1.0 + 10.0 * wanted.step_s / wanted.rate * float(rates.max())
         return x if self.logs is None else np.append(x, log_start(self.logs))
 

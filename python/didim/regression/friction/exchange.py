@@ -22,6 +22,7 @@ from ..._tools.arrays import Array
 from ...model.dynamics import friction_places
 from ...model.memory import instantaneous
 from ...robot.friction import OF_PATH, FrictionTerm
+from ...robot.parameters import friction_names
 from ...robot.robot import Robot
 from ...signal.segments import Segment
 
@@ -101,11 +102,7 @@ def exchanges(
         if term.law not in CURVED or term.parameter not in names:
             continue
         own = names.index(term.parameter)
-        beside = [
-            index
-            for index, name in enumerate(names)
-            if name.rstrip("+-") in (f"Fv{term.joint + 1}", f"Fc{term.joint + 1}")
-        ]
+        beside = [index for index, name in enumerate(names) if name in friction_names(term.joint)]
         if not beside or not std[[own, *beside]].all():
             continue
         correlations = covariance[own, beside] / (std[own] * std[beside])

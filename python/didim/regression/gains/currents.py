@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...robot.parameters import friction_names
 from ..linear_system import LinearSystem
 
 
@@ -133,11 +134,7 @@ class Currents:
             used = np.linalg.norm(a, axis=0) > 0.0
             solution = np.zeros(a.shape[1])
             solution[used] = np.linalg.lstsq(a[:, used], self.current[rows], rcond=1e-8)[0]
-            friction = [
-                k
-                for k in np.flatnonzero(used)
-                if names[k].rstrip("+-") in (f"Fv{motor + 1}", f"Fc{motor + 1}")
-            ]
+            friction = [k for k in np.flatnonzero(used) if names[k] in friction_names(motor)]
             if friction and sum(solution[k] for k in friction) < 0.0:
                 signs[motor] = -1.0
         return signs

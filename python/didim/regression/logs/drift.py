@@ -20,6 +20,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.friction import NAMES
+from ...robot.parameters import friction_names
 from ..fit import Fit
 from ..jackknife import Factors, intervals
 from ..linear_system import LinearSystem
@@ -196,7 +197,7 @@ def _columns(
                 parts = {
                     name: system.w[:, index]
                     for index, name in enumerate(system.names)
-                    if name.rstrip("+-") in (f"Fv{joint + 1}", f"Fc{joint + 1}")
+                    if name in friction_names(joint)
                 }
             for name, values in parts.items():
                 column = np.zeros(system.y.size)

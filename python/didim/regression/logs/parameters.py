@@ -272,11 +272,13 @@ class _Builder:
         owners = [(number, recording) for number, recording in fitted if key in recording.own]
         if not owners:
             return
-        prefixes = ("Off",) if kind == "offset" else ("Fv", "Fc")
+        kinds = ("Off",) if kind == "offset" else ("Fv", "Fc")
         names = [
-            (name, unit)
-            for name, unit in zip(self.robot.parameter_names, self.robot.parameter_units, strict=True)
-            if name.rstrip("0123456789+-") in prefixes
+            (parameter.name, unit)
+            for parameter, unit in zip(
+                self.robot.standard_parameters, self.robot.parameter_units, strict=True
+            )
+            if parameter.kind in kinds
         ]
         if not names:
             raise ExperimentError(

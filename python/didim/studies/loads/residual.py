@@ -325,10 +325,9 @@ def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: f
     speed = np.abs(np.gradient(q, axis=0)) * rate_hz
     slow = speed < SLOW * speed.max(axis=0)
     coulomb = np.zeros(robot.n_dof)
-    for name, value in zip(robot.parameter_names, x, strict=True):
-        if name.rstrip("0123456789+-") == "Fc":
-            joint = int(name.removeprefix("Fc").rstrip("+-")) - 1
-            coulomb[joint] = max(coulomb[joint], abs(value))
+    for parameter, value in zip(robot.standard_parameters, x, strict=True):
+        if parameter.kind == "Fc":
+            coulomb[parameter.joint] = max(coulomb[parameter.joint], abs(value))
     return low_pass(slow * 2.0 * coulomb, rate_hz, bandwidth_hz)
 
 

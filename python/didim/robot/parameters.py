@@ -1,10 +1,11 @@
-"""Base parameters (7): the identifiable combinations of the standard parameters, and their groupings."""
+"""Parameters of a robot: the standard ones (3), and the base parameters (7), their identifiable combinations."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,43 @@ from .._tools.notebook import page, pandas
 from .._tools.pickling import Pickled
 from .._tools.words import columned
 from ..errors import ShapeError
+
+
+class Parameter(NamedTuple):
+    """A standard parameter.
+
+    Tested in ``tests/test_base_parameters.py``.
+
+    Attributes
+    ----------
+    kind : str
+        Such as "XX", "Ia", "Fv", "Fcm" (friction of a coupled motor), or the name of a friction term.
+    joint : int
+        Joint whose link or drive it belongs to, from 0.
+    side : {"", "+", "-"}
+        Direction of motion that asymmetric friction is of.
+    """
+
+    kind: str
+    joint: int
+    side: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name as printed, such as ``Fc3+``."""
+        return f"{self.kind}{self.joint + 1}{self.side}"
+
+    @classmethod
+    def of_core(cls, name: str) -> Parameter:
+        """Return the parameter of a name of the core, whose kinds have no digits."""
+        parts = re.fullmatch(r"(\D+)(\d+)([+-]?)", name)
+        assert parts is not None
+        return cls(parts[1], int(parts[2]) - 1, parts[3])
+
+
+def friction_names(joint: int) -> frozenset[str]:
+    """Return the names that viscous and Coulomb friction of a joint, from 0, can have, symmetric or not."""
+    return frozenset(Parameter(kind, joint, side).name for kind in ("Fv", "Fc") for side in ("", "+", "-"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
