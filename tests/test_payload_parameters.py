@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from hypothesis import strategies as st
 
 import didim
 from didim.errors import ExperimentError
-from didim.robot.payload import Payload, last_link, moved, read_flange
+from didim.robot.payload import Payload, ends, last_link, moved, payload_columns, read_flange
 from didim.robot.rigid_body import body_pseudo_inertia, inverse, pose, rotation_of, ten_parameters
 from tables import experiment_table
+from test_trees import legs
+from urdfs import made
 
 MASS, CENTRE = 2.5, (0.03, -0.02, 0.11)
 INERTIA = (0.02, 0.001, -0.002, 0.025, 0.0005, 0.015)
@@ -65,6 +68,21 @@ def test_a_payload_adds_to_the_last_link() -> None:
     assert x[at("M6")] == MASS
     assert x[at("XX6")] == ten[0]
     assert np.count_nonzero(x) == 10
+
+
+def test_a_payload_may_be_on_any_link(tmp_path: Path) -> None:
+    robot = made(tmp_path, legs(2, 3))
+    ten, frame = ten_of(MASS, CENTRE, INERTIA), robot.own_frames[2]
+    for link in ("leg0_2", "leg0_2_joint", "3"):
+        x = payload_columns(robot, Payload(name="foot", link=link)) @ ten
+        third = [k for k, parameter in enumerate(robot.standard_parameters) if parameter.joint == 2]
+        np.testing.assert_allclose(x[third[:10]], moved(ten, frame), atol=1e-15)
+        assert not np.delete(x, third[:10]).any()
+    assert ends(robot) == [2, 5]
+    with pytest.raises(ExperimentError, match="is a tree: give link, such as 'leg0_2', 'leg1_2'"):
+        payload_columns(robot, Payload(name="foot"))
+    with pytest.raises(ExperimentError, match="has no link 'leg0_3'; did you mean 'leg0_"):
+        payload_columns(robot, Payload(name="foot", link="leg0_3"))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,12 @@ from didim.loop.outcome import SimulationStatus
 from didim.model.kinematics import frames
 from didim.regression.block import stacked
 from didim.regression.linear_system import LinearSystem
+from didim.robot.payload import Payload, payload_columns
 from didim.robot.placement import as_row, carriers, placed
 from didim.robot.rigid_body import pose, turn
 from didim.robot.robot_text import robot_text
+from didim.studies.loads.payload import identify_payload
+from didim.studies.loads.residual import residual_torques
 from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
 from urdfs import (
@@ -287,6 +291,41 @@ def test_every_method_gives_the_parameters_of_a_tree_back(tmp_path: Path) -> Non
         fit = didim.identify(recorded, method)
         assert fit.converged, (method, fit.status)
         assert np.abs(fit.beta - truth).max() < tolerance * scale, method
+
+
+def test_a_load_on_a_limb_is_found_with_and_without_a_table(tmp_path: Path) -> None:
+    robot = made(tmp_path, legs(2, 3)).with_friction(smoothing_rad_s=0.02, coulomb="tanh")
+    x = robot.parameter_set("urdf").copy()
+    for j in range(robot.n_dof):
+        x[[robot.parameter_names.index(f"{key}{j + 1}") for key in ("Ia", "Fv", "Fc")]] = 0.3, 0.5, 0.2
+    foot = Payload(name="foot", link="leg1_2")
+    load = payload_columns(robot, foot) @ np.array([0.01, 0.0, 0.0, 0.01, 0.0, 0.01, 0.02, 0.01, -0.06, 0.8])
+    free, loaded = (closed_loop_log(robot, values, torque_noise=1e-2) for values in (x, x + load))
+    fit = didim.identify(free, didim.IDIMLS())
+    alone = identify_payload(fit, loaded, link="leg1_2")
+    assert alone.frame == "link leg1_2"
+    assert alone.mass_kg == pytest.approx(0.8, abs=max(0.02, 4.0 * alone.std[9]))
+    (window,) = residual_torques(fit, loaded).windows
+    assert window.payload_change is not None
+    assert window.payload_change.link == "leg1_2_joint"
+    (first,), (second,) = (log.recordings for log in (free, loaded))
+    records = (replace(first, name="free"), replace(second, name="loaded"))
+    both = replace(free, recordings=records)
+    # Nobody declares the load: the fit of both logs blames the foot of its limb.
+    undeclared = didim.identify(both, didim.IDIMLS())
+    (finding,) = (reason for reason in undeclared.evidence if reason.code == "payload")
+    assert finding.recordings == ("loaded",)
+    assert "joint 6 (leg1_2_joint)" in finding.facts["text"]
+    declared = replace(
+        both, recordings=(records[0], replace(records[1], payload="foot")), payloads={"foot": foot}
+    )
+    for method in (didim.IDIMLS(), didim.DIDIM(physical=False), didim.CLOE(start="idim-ls")):
+        fit = didim.identify(declared, method)
+        assert fit.converged, method
+        assert fit.further is not None
+        number = [name for block in fit.further.blocks for name in block.full_names].index("foot.M")
+        assert "payload 'foot', on link leg1_2" in str(fit)
+        assert abs(fit.further.values[number] - 0.8) < max(0.02, 4.0 * fit.further.std[number]), method
 
 
 def test_a_tree_may_be_taken_in_part(tmp_path: Path) -> None:

@@ -313,7 +313,7 @@ def test_a_condition_number_that_is_too_large(condition: float, status: Status) 
 
 @pytest.mark.parametrize(("mass", "grade"), [(2.9, "note"), (3.1, "doubtful")])
 def test_a_load_that_another_log_does_not_carry(mass: float, grade: str) -> None:
-    assert builder.load_finding(Load(mass, 1.0), "is heavier").grade == grade
+    assert builder.load_finding(Load(mass, 1.0, explained=0.5), "is heavier").grade == grade
 
 
 def test_settings_of_least_squares_have_bounds() -> None:

@@ -19,6 +19,8 @@ from ..result.finding import Finding
 from ..result.identification import Identification
 from ..result.sentences import percent
 from ..result.verdict import Use
+from ..robot.payload import ends, link_columns
+from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
@@ -215,25 +217,27 @@ def payload_std(
     signal: SignalProcessing,
     system: LinearSystem | None = None,
 ) -> float:
-    """Return the standard deviation of a mass at the last frame that a log like this one gives (kg).
+    """Return the standard deviation of a mass at the last frame that a log like this one gives (kg); the largest of a tree's ends.
 
     The mass that explains the residual best is found on each of ten stretches of time, joints weighted by their residuals.
     """
-    unit = np.zeros(len(robot.parameter_names))
-    unit[robot.parameter_names.index(f"M{robot.n_dof}")] = 1.0
-    if system is not None:
-        column = (system.w @ robot.base_parameters.project(unit)).reshape(robot.n_dof, -1)
-    else:
-        torques = (inverse_dynamics(robot, part.q, part.dq, part.ddq, unit) for part in parts)
-        column = np.concatenate([row_values(torque, signal).T for torque in torques], axis=1)
     # A joint without errors, such as one without torque, would have infinite weight.
     floor = ROUNDING**2 * float(np.max(residual.size)) ** 2
     if not floor > 0.0:
         return 0.0
     weight = 1.0 / np.maximum(np.mean(residual.error**2, axis=1), floor)
-    moments, information = (
-        np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
-        for values in (column * residual.error, column**2)
-    )
-    masses = moments / np.maximum(information, np.finfo(float).tiny)
-    return float(np.std(masses, ddof=1) / np.sqrt(PAYLOAD_BLOCKS))
+    deviations = []
+    for joint in ends(robot):
+        unit = link_columns(robot, joint)[:, INERTIAL.index("M")]
+        if system is not None:
+            column = (system.w @ robot.base_parameters.project(unit)).reshape(robot.n_dof, -1)
+        else:
+            torques = (inverse_dynamics(robot, part.q, part.dq, part.ddq, unit) for part in parts)
+            column = np.concatenate([row_values(torque, signal).T for torque in torques], axis=1)
+        moments, information = (
+            np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
+            for values in (column * residual.error, column**2)
+        )
+        masses = moments / np.maximum(information, np.finfo(float).tiny)
+        deviations.append(float(np.std(masses, ddof=1) / np.sqrt(PAYLOAD_BLOCKS)))
+    return max(deviations)

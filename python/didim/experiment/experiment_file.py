@@ -23,7 +23,7 @@ from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.sampling import TimeFault
 from ..regression.settings import LeastSquaresSettings
-from ..robot.payload import Payload, read_flange, read_payload
+from ..robot.payload import Payload, carrying_joint, read_flange, read_payload
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from ..signal.align import DelaySettings
@@ -221,7 +221,7 @@ def _tables(table: Table, robot: Robot) -> dict[str, Any]:
         "simulation": _optional(table, "simulation", robot, read_simulation) or SimulationSettings(),
         "measurement": _optional(table, "measurement", robot, read_measurement),
         "flange": None if (part := table.table("flange", None)) is None else read_flange(part),
-        "payloads": _payloads(table.part("payload")),
+        "payloads": _payloads(table.part("payload"), robot),
     }
 
 
@@ -245,12 +245,13 @@ def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _payloads(table: Table) -> dict[str, Payload]:
+def _payloads(table: Table, robot: Robot) -> dict[str, Payload]:
     """Read the tables ``[payload.NAME]``."""
     payloads = {}
     for name in table.content:
         part = table.table(name)
         payloads[name] = part.checked(partial(read_payload, part, name))
+        part.checked(partial(carrying_joint, robot, payloads[name]))
     table.done()
     return payloads
 

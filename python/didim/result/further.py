@@ -19,7 +19,7 @@ from ..robot.payload import Payload
 from .table import parameter_lines, parameter_rows
 
 TITLES = {
-    "payload": "payload '{owner}', on the flange",
+    "payload": "payload '{owner}', on {link}",
     "offset": "offsets of recording '{owner}'",
     "friction": "friction of recording '{owner}'",
     "gain": "drive gains",
@@ -158,14 +158,16 @@ class Further(Pickled):
         ]
 
     def _titles(self, block: ColumnBlock) -> list[str]:
-        title = TITLES[block.kind].format(owner=block.owner)
+        payload = self.payloads.get(block.owner)
+        link = "the flange" if payload is None or payload.link is None else f"link {payload.link}"
+        title = TITLES[block.kind].format(owner=block.owner, link=link)
         if block.kind in ("offset", "friction"):
             reference = self.reference.get(block.kind)
             title += f", less those of {'the other recordings' if reference is None else repr(reference)}"
         lines = [title]
-        if block.kind == "payload" and self.payloads[block.owner].mass_kg is not None:
-            lines = [f"{title}, of known mass {self.payloads[block.owner].mass_kg:g} kg"]
-        if block.kind == "payload":
+        if block.kind == "payload" and payload is not None:
+            if payload.mass_kg is not None:
+                lines = [f"{title}, of known mass {payload.mass_kg:g} kg"]
             ten, covariance = self.ten(block.owner)
             if ten[9] > 0.0 and "MX" in block.names:
                 centre = ten[6:9] / ten[9]

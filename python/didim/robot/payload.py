@@ -1,10 +1,11 @@
-"""Payloads: rigid bodies fixed to the flange, partly or fully known. Tested in ``tests/test_payload_parameters.py``.
+"""Payloads: rigid bodies fixed to the flange or to another link, partly or fully known.
 
-A payload adds to the ten inertial parameters of the last link. They split into a known part and columns for the unknown
-parameters:
+A payload adds to the ten inertial parameters of its link. They split into a known part and columns for the unknown parameters:
 
-    chi = chi_0 + V theta                    in the frame of the flange
-    x = x_robot + E T(chi)                   T: flange to frame n, E: places of the last link
+    chi = chi_0 + V theta                    in the frame of the flange, or of the link
+    x = x_robot + E T(chi)                   T: from there to the frame of the joint, E: places of the link's parameters
+
+Tested in ``tests/test_payload_parameters.py``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import Table
+from .._tools.words import did_you_mean, series
 from ..errors import ExperimentError
 from .rigid_body import (
     INERTIAL,
@@ -52,6 +54,9 @@ class Payload:
         Centre of mass in the frame of the flange (m).
     inertia_kg_m2 : tuple of 6 float, optional
         ``XX XY XZ YY YZ ZZ`` about the centre of mass, axes of the flange (kg.m^2); it needs `com_m`.
+    link : str, optional
+        Link that carries it, whose own frame is then the flange: its name in the URDF, or the name or the number of its joint.
+        By default the last link of joints in a line.
 
     Raises
     ------
@@ -63,6 +68,7 @@ class Payload:
     mass_kg: float | None = None
     com_m: tuple[float, ...] | None = None
     inertia_kg_m2: tuple[float, ...] | None = None
+    link: str | None = None
 
     def __post_init__(self) -> None:
         where = f"payload '{self.name}':"
@@ -132,12 +138,14 @@ def read_payload(table: Table, name: str) -> Payload:
     mass = table.number("mass_kg", None)
     com = table.numbers("com_m", 3, None)
     inertia = table.numbers("inertia_kg_m2", 6, None)
+    link = table.text("link", None)
     table.done()
     return Payload(
         name=name,
         mass_kg=mass,
         com_m=None if com is None else tuple(com),
         inertia_kg_m2=None if inertia is None else tuple(inertia),
+        link=link,
     )
 
 
@@ -169,13 +177,47 @@ def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
     return link if flange is None else np.asarray(link @ np.vstack([np.array(flange), [0.0, 0.0, 0.0, 1.0]]))
 
 
-def frame_of_payloads(robot: Robot, flange: Pose | None = None) -> str:
-    """Return the frame of payloads in words, as for `flange_in_last_frame`: ``link wrist_3_link``."""
-    if flange is not None:
+def carrying_joint(robot: Robot, payload: Payload) -> int:
+    """Return the joint, from 0, whose link carries a payload.
+
+    Raises
+    ------
+    ExperimentError
+        For a link that the robot does not have, and for a tree, which has several last links, without one.
+    """
+    named = dict(enumerate(robot.all_joint_names))
+    links = {} if robot.correspondence is None else dict(enumerate(robot.correspondence.links))
+    names = {str(joint + 1): joint for joint in range(robot.n_joints)}
+    names |= {name: joint for joint, name in named.items()}
+    names |= {link.link: joint for joint, link in links.items()}
+    if payload.link in names:
+        return names[payload.link]
+    known = [links[joint].link if links else named.get(joint, str(joint + 1)) for joint in ends(robot)]
+    where = f"payload '{payload.name}':"
+    if payload.link is not None:
+        text = f"robot {robot.name!r} has no link {payload.link!r}{did_you_mean(payload.link, names)}"
+        raise ExperimentError(f"{where} {text}")
+    if not robot.geometry.in_line:
+        raise ExperimentError(
+            f"{where} robot {robot.name!r} is a tree: give link, such as {series(map(repr, known), 60)}"
+        )
+    return robot.n_dof - 1
+
+
+def ends(robot: Robot) -> list[int]:
+    """Return the driven joints, from 0, whose link carries no further driven joint: the last one of joints in a line."""
+    parents = robot.geometry.parents
+    return [joint for joint in range(robot.n_dof) if joint not in parents[: robot.n_dof]]
+
+
+def frame_of_payloads(robot: Robot, flange: Pose | None = None, payload: Payload | None = None) -> str:
+    """Return the frame of a payload in words, as for `payload_columns`: ``link wrist_3_link``."""
+    if flange is not None and (payload is None or payload.link is None):
         return "[flange]"
+    joint = robot.n_dof - 1 if payload is None else carrying_joint(robot, payload)
     if robot.correspondence is not None:
-        return f"link {robot.correspondence.links[-1].link}"
-    return f"frame {robot.n_dof}" + ("" if robot.standard is None else " of the maker's table")
+        return f"link {robot.correspondence.links[joint].link}"
+    return f"frame {joint + 1}" + ("" if robot.standard is None else " of the maker's table")
 
 
 def moved(ten: Array, frame: Array) -> Array:
@@ -183,19 +225,32 @@ def moved(ten: Array, frame: Array) -> Array:
     return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)
 
 
-def last_link(robot: Robot, frame: Array) -> Array:
-    """Return the matrix (p, 10) from a payload's ten parameters, in a frame with this pose in frame n, to the standard parameters.
+def payload_columns(robot: Robot, payload: Payload, flange: Pose | None = None) -> Array:
+    """Return the matrix (p, 10) from a payload's ten parameters, in its frame, to the standard parameters of the robot.
+
+    The frame is that of `Payload.link`, else `flange_in_last_frame`. Tested in ``tests/test_payload_parameters.py``.
 
     Raises
     ------
     ExperimentError
-        For a tree, which has several last links.
+        As for `carrying_joint`.
     """
-    if not robot.geometry.in_line:
-        raise ExperimentError(
-            f"robot {robot.name!r} is a tree: payloads need joints in a line, whose last link is the flange"
-        )
-    first = robot.parameter_names.index(f"{INERTIAL[0]}{robot.n_dof}")
+    joint = carrying_joint(robot, payload)
+    frame = flange_in_last_frame(robot, flange) if payload.link is None else robot.own_frames[joint]
+    return link_columns(robot, joint, frame)
+
+
+def last_link(robot: Robot, frame: Array) -> Array:
+    """Return the matrix of `link_columns` for the last link of joints in a line."""
+    return link_columns(robot, robot.n_dof - 1, frame)
+
+
+def link_columns(robot: Robot, joint: int, frame: Array | None = None) -> Array:
+    """Return the matrix (p, 10) from ten parameters, in a frame with this pose in that of a joint, to the standard parameters."""
+    first = robot.parameter_names.index(f"{INERTIAL[0]}{joint + 1}")
     columns = np.zeros((len(robot.parameter_names), 10))
-    columns[first : first + 10] = np.stack([moved(unit, frame) for unit in np.eye(10)], axis=1)
+    units = np.eye(10)
+    columns[first : first + 10] = (
+        units if frame is None else np.stack([moved(unit, frame) for unit in units], axis=1)
+    )
     return columns

@@ -30,7 +30,7 @@ from ..methods.positions.replay import pushed_of
 from ..methods.positions.stops import Stop, free_stretches, stops_of
 from ..model.limbs import limbs_of
 from ..result.identification import Identification
-from ..robot.payload import moved
+from ..robot.payload import carrying_joint, moved
 from ..robot.rigid_body import body_pseudo_inertia, central, pose, pseudo_inertia, quaternion
 from .mujoco_model import integrator_of, load_model, places_of
 
@@ -178,13 +178,14 @@ class Logged(NamedTuple):
     """A recording to be replayed.
 
     `stretches` are compared, `shares` (n_joints,) are its gains over those of the controller, and `load` (10,) the inertial
-    parameters of its payload in the frame of the last link.
+    parameters of its payload in the frame of the link of joint `carrier`, from 0.
     """
 
     recording: Recording
     stretches: Stretches
     shares: Array
     load: Array
+    carrier: int
 
 
 def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
@@ -193,7 +194,7 @@ def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
     if experiment.links != "fixed":
         every = list(range(n))
         return [
-            Logged(log, dict.fromkeys(log.windows, every), np.ones(n), np.zeros(10))
+            Logged(log, dict.fromkeys(log.windows, every), np.ones(n), np.zeros(10), n - 1)
             for log in experiment.recordings
         ]
     values, limbs, logs = file_values(experiment), limbs_of(experiment.robot), []
@@ -205,8 +206,11 @@ def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
             for stretch in free_stretches(stops, limb, number, window, recording.rate_hz):
                 stretches.setdefault(stretch, []).extend(limb.joints)
         payload = experiment.payloads.get(recording.payload)
-        load = np.zeros(10) if payload is None else moved(payload.split[0], flange)
-        logs.append(Logged(recording, stretches, values.shares[number], load))
+        load, carrier = np.zeros(10), n - 1
+        if payload is not None:
+            load = moved(payload.split[0], flange if payload.link is None else np.eye(4))
+            carrier = carrying_joint(experiment.robot, payload)
+        logs.append(Logged(recording, stretches, values.shares[number], load, carrier))
     return logs
 
 
@@ -225,7 +229,8 @@ def _loaded(model: Any, name: str, drives: Drives, logged: Logged) -> tuple[Any,
         for drive, share in zip(drives.joints, logged.shares, strict=True)
     )
     if logged.load[-1] > 0.0:
-        body = int(model.joint(drives.joints[-1].joint).bodyid[0])
+        carrier = (*drives.joints, *drives.followers)[logged.carrier]
+        body = int(model.joint(carrier.joint).bodyid[0])
         turned = np.empty(9)
         mujoco.mju_quat2Mat(turned, model.body_iquat[body])
         link = body_pseudo_inertia(

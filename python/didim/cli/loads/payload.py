@@ -27,6 +27,7 @@ def add(commands: Commands) -> None:
         "log", metavar="LOG.toml", type=Path, help="experiment file of the log with the payload"
     )
     add_data(parser)
+    parser.add_argument("--link", metavar="LINK", help="link or joint that carries it; needed for a tree")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the payload as JSON")
 
 
@@ -38,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
 
     fit = Identification.load(options.fit)
     check_outputs(options.json)
-    payload = identify_payload(fit, load_experiment(options.log, data=options.data))
+    payload = identify_payload(fit, load_experiment(options.log, data=options.data), link=options.link)
     saved = Saved()
     saved.save_json(options.json, payload.to_dict())
     saved.show(str(payload))

@@ -18,7 +18,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.unknown import DRIVE, SOFT, UNITS, Unknown, joint_kinds
 from ...loop.controller import Controller
 from ...model.limbs import Limb
-from ...robot.payload import NOTHING, flange_in_last_frame, last_link
+from ...robot.payload import NOTHING, payload_columns
 from ...robot.transmission import SOFTNESS
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
@@ -153,7 +153,7 @@ def _loads(experiment: Experiment) -> Array:
                     f"recording '{recording.name}': links = \"fixed\" needs mass_kg, com_m and inertia_kg_m2 of "
                     f"[payload.{recording.payload}]"
                 )
-            load = last_link(robot, flange_in_last_frame(robot, experiment.flange)) @ payload.split[0]
+            load = payload_columns(robot, payload, experiment.flange) @ payload.split[0]
         columns.append(load)
     return np.reshape(columns, (len(columns), len(robot.parameter_names)))
 

@@ -1,9 +1,9 @@
 """Conditions on what logs have beside the robot: payloads that are bodies, friction of their own that only dissipates.
 
-    P(V_l theta + v_l) > 0              the payload of log l, about the frame of the last link
+    P(V_l theta + v_l) > 0              the payload of log l, about the frame of the link that carries it
     F(x + V_l theta) >= 0               friction, rotors and rates (B) where log l has friction of its own
 
-Pseudo-inertias in different frames are congruent, so that of the last link stands for that of the flange. A robot and a payload
+Pseudo-inertias in different frames are congruent, so that of the joint stands for that of the flange. A robot and a payload
 that are bodies are one together. Offsets have no condition. Tested in ``tests/test_consistent_logs.py``.
 """
 

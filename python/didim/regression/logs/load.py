@@ -1,6 +1,7 @@
-r"""An additional load on the last body: of one log compared with the others, or with known parameters.
+r"""An additional load on an end link: of one log compared with the others, or with known parameters.
 
 The ten parameters l of a rigid load add ``C l`` to the torques, where C are the columns of the last body in the rows of the log.
+A tree has a last body per limb: the load is on that where it explains most.
 Together with the columns A that are estimated at the same time,
 
     l = (C~^T C~)^+ C~^T rho,    C~ = C - Q Q^T C,    A = Q R,
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...robot.payload import ends, link_columns
 from ...robot.robot import Robot
 from ..fit import Fit
 from ..jackknife import intervals
@@ -40,10 +42,16 @@ class Load:
     ----------
     mass, std : float
         Mass and its standard deviation (kg); NaN if the log does not identify it.
+    explained : float
+        Share of the log's squared residual that it explains.
+    link : str
+        The link in words, ``last body`` of joints in a line.
     """
 
     mass: float
     std: float
+    explained: float
+    link: str = "last body"
 
     @property
     def mass_or_none(self) -> float | None:
@@ -52,9 +60,9 @@ class Load:
 
     def __str__(self) -> str:
         if not np.isfinite(self.mass):
-            return "carries a load on its last body"
+            return f"carries a load on its {self.link}"
         direction = "heavier" if self.mass > 0.0 else "lighter"
-        return f"has a last body that is {abs(self.mass):.3g} +- {self.std:.1g} kg {direction}"
+        return f"has a {self.link} that is {abs(self.mass):.3g} +- {self.std:.1g} kg {direction}"
 
 
 def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20) -> list[tuple[int, Load]]:
@@ -73,11 +81,17 @@ def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20)
     loads = []
     weighted = system.w * fit.weights[:, None]
     left = np.linalg.qr(weighted)[0]
+    bodies = _last_bodies(system, robot)
     for number in numbers[1:]:
         own = _rows(system, number)
         columns = np.zeros((system.y.size, 10))
-        columns[own] = (weighted @ _last_body(system, robot))[own]
-        load = _load(system, columns, left, fit.residual * fit.weights, own, blocks * len(numbers))
+        by_link = []
+        for link, body in bodies:
+            columns[own] = (weighted @ body)[own]
+            by_link.append(
+                _load(system, columns, left, fit.residual * fit.weights, own, blocks * len(numbers), link)
+            )
+        load = _clearest(by_link)
         if load is not None:
             loads.append((number, load))
     return loads
@@ -103,20 +117,31 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
     free = [k for k, name in enumerate(system.names) if name.startswith(("F", "Off"))]
     weighted = system.w * weights[:, None]
     left = np.linalg.qr(weighted[:, free])[0] if free else np.zeros((system.y.size, 0))
-    columns = weighted @ _last_body(system, robot)
-    return _load(system, columns, left, residual * weights, np.arange(system.y.size), BLOCKS)
+    every, residual = np.arange(system.y.size), residual * weights
+    return _clearest(
+        [
+            _load(system, weighted @ body, left, residual, every, BLOCKS, link)
+            for link, body in _last_bodies(system, robot)
+        ]
+    )
 
 
-def _last_body(system: LinearSystem, robot: Robot) -> Array:
-    """Return the effect of a unit of each parameter of the last body on the columns' parameters, (b, 10)."""
+def _last_bodies(system: LinearSystem, robot: Robot) -> list[tuple[str, Array]]:
+    """Return each end link in words, and the effect of a unit of each of its parameters on those of the columns, (b, 10)."""
     base = robot.base_parameters
-    n = robot.n_dof
-    names = [f"{key}{n}" for key in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")]
-    units = np.zeros((len(robot.parameter_names), 10))
-    for k, name in enumerate(names):
-        units[robot.parameter_names.index(name), k] = 1.0
-    every = np.column_stack([base.project(units[:, k]) for k in range(10)])
-    return np.asarray(every[[base.names.index(name) for name in system.names]])
+    rows = [base.names.index(name) for name in system.names]
+    bodies = []
+    for joint in ends(robot):
+        units = link_columns(robot, joint)
+        effects = np.column_stack([base.project(units[:, k]) for k in range(10)])
+        link = "last body" if robot.geometry.in_line else f"body of {robot.joint_label(joint)}"
+        bodies.append((link, np.asarray(effects[rows])))
+    return bodies
+
+
+def _clearest(loads: Sequence[Load | None]) -> Load | None:
+    """Return the load that explains most."""
+    return max(filter(None, loads), key=lambda load: load.explained, default=None)
 
 
 def _rows(system: LinearSystem, number: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -131,6 +156,7 @@ def _load(
     residual: Array,
     own: np.ndarray[tuple[int], np.dtype[np.intp]],
     blocks: int,
+    link: str,
 ) -> Load | None:
     from scipy.special import fdtrc  # not scipy.stats, which takes half a second to load
 
@@ -163,4 +189,4 @@ def _load(
     known = float(np.linalg.norm(directions[9])) >= KNOWN
     mass = float(back[9] @ projected) if known else float("nan")
     std = float(np.sqrt(back[9] @ covariance @ back[9])) if known else float("nan")
-    return Load(mass, std)
+    return Load(mass, std, explained, link)

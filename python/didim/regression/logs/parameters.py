@@ -21,7 +21,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, listing
 from ...errors import ExperimentError, FitError
 from ...log.recording import Recording
-from ...robot.payload import NOTHING, UNITS, Payload, flange_in_last_frame, last_link
+from ...robot.payload import NOTHING, UNITS, Payload, payload_columns
 from ...robot.payload import Pose as FlangePose
 from ...robot.robot import Robot
 from ..selection import Role, Selection, select
@@ -125,7 +125,7 @@ class LogParameters:
         ):
             return cls(robot, (), {}, {}, {})
         builder = _Builder(robot, recordings)
-        builder.payloads(payloads, last_link(robot, flange_in_last_frame(robot, flange)))
+        builder.payloads(payloads, flange)
         for kind in ("offset", "friction"):
             builder.own(kind, referred=checked)
         if checked:
@@ -234,8 +234,8 @@ class _Builder:
         self.known: dict[int, Array] = {}
         self.reference: dict[str, str] = {}
 
-    def payloads(self, payloads: Mapping[str, Payload], transform: Array) -> None:
-        """Add the payloads of recordings, with the matrix of the last link, (p, 10)."""
+    def payloads(self, payloads: Mapping[str, Payload], flange: FlangePose | None) -> None:
+        """Add the payloads of recordings."""
         used: dict[str, list[int]] = {}
         for number, recording in enumerate(self.recordings):
             if recording.payload == NOTHING:
@@ -248,6 +248,7 @@ class _Builder:
             used.setdefault(recording.payload, []).append(number)
         for name, numbers in used.items():
             known, columns, names = payloads[name].split
+            transform = payload_columns(self.robot, payloads[name], flange)
             if known.any():
                 self.known |= dict.fromkeys(numbers, transform @ known)
             by_body = [transform @ column for column in columns.T]

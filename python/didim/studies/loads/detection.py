@@ -69,19 +69,26 @@ class PayloadChange:
         Change of ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange; zero for unidentifiable ones.
     std : tuple of 10 float
         Standard deviations.
+    gain : float
+        Squared residual (standard deviations) that it explains.
+    link : str or None
+        Joint whose link carries it, as `didim.Payload` has it; None for the last of joints in a line.
     """
 
     start_s: float
     whole: bool
     change: tuple[float, ...]
     std: tuple[float, ...]
+    gain: float
+    link: str | None = None
 
     def __str__(self) -> str:
         mass, sigma = self.change[9], self.std[9]
         when = "in the whole window" if self.whole else f"at {self.start_s:.2f} s"
         shown = f"mass {mass:+.3g} +- {sigma:.2g} kg, " if sigma > 0.0 else ""
         moments = ", ".join(f"{value:+.3g}" for value in self.change[6:9])
-        return f"the payload differs from the model {when}: {shown}first moments {moments} kg.m"
+        where = "" if self.link is None else f" of joint {self.link}"
+        return f"the payload{where} differs from the model {when}: {shown}first moments {moments} kg.m"
 
 
 def shortest_s(torque: Array, limits: Array, rate_hz: float, threshold: float) -> Array:
@@ -210,4 +217,5 @@ def payload_change(
         whole=column <= rows // 50,
         change=tuple(change.tolist()),
         std=tuple(spread.tolist()),
+        gain=float(gains[best]),
     )

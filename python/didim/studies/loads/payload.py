@@ -60,7 +60,9 @@ class _Solved:
     n_blocks: int
 
 
-def identify_payload(fit: Identification, experiment: Experiment, *, seed: int = 0) -> PayloadEstimate:
+def identify_payload(
+    fit: Identification, experiment: Experiment, *, link: str | None = None, seed: int = 0
+) -> PayloadEstimate:
     """Estimate an unknown payload of a log with the robot of a result.
 
     Parameters
@@ -70,6 +72,8 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     experiment : Experiment
         The log. Its recordings to fit name the payload; the table ``[payload.NAME]`` may give known properties. If none is
         named, all ten parameters are unknown. Own offsets of recordings with ``offsets = "own"`` are estimated too.
+    link : str, optional
+        Link that carries a payload without a table, as `didim.Payload` has it.
     seed : int
         Seed of the draws.
 
@@ -95,7 +99,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
         raise FitError(
             f"the result '{fit.name}' has no standard deviations: they are needed for the uncertainty of the robot"
         )
-    experiment, name = _with_unknown(fit, experiment)
+    experiment, name = _with_unknown(experiment, link)
     robot = experiment.robot
     parameters = LogParameters.of(
         robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
@@ -120,7 +124,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
         name=name,
         robot=robot.name,
         log=experiment.name,
-        frame=frame_of_payloads(robot, experiment.flange),
+        frame=frame_of_payloads(robot, experiment.flange, payload),
         names=block.names,
         ten=known + chosen @ theta,
         covariance=chosen @ covariance @ chosen.T,
@@ -136,7 +140,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
             if entry.kind in ("offset", "friction")
             for k in range(len(entry.names))
         },
-        remarks=other_frames(robot, experiment.flange),
+        remarks=other_frames(robot, experiment.flange) if payload.link is None else (),
     )
     if len(block.names) < len(names):
         missing = [entry for entry in names if entry not in block.names]
@@ -170,7 +174,7 @@ def _for_coordinates_of(link: str, pose: Array) -> str:
     return f"for coordinates of link {link}: [flange] with xyz_m = [{xyz}], rpy_rad = [{rpy}]"
 
 
-def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experiment, str]:
+def _with_unknown(experiment: Experiment, link: str | None) -> tuple[Experiment, str]:
     """Return the experiment whose recordings name the unknown payload, and its name."""
     fitted = [recording for recording in experiment.recordings if recording.role == "fit"]
     if not fitted:
@@ -181,19 +185,23 @@ def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experime
             replace(recording, payload=UNNAMED) if recording.role == "fit" else recording
             for recording in experiment.recordings
         ]
-        payloads = {**experiment.payloads, UNNAMED: Payload(name=UNNAMED)}
+        payloads = {**experiment.payloads, UNNAMED: Payload(name=UNNAMED, link=link)}
         return replace(experiment, recordings=tuple(recordings), payloads=payloads), UNNAMED
     open_names = [
         name for name in used if name in experiment.payloads and not experiment.payloads[name].known
     ]
     missing = [name for name in used if name != NOTHING and name not in experiment.payloads]
     if missing:
-        payloads = {**experiment.payloads, **{name: Payload(name=name) for name in missing}}
-        return _with_unknown(fit, replace(experiment, payloads=payloads))
+        payloads = {**experiment.payloads, **{name: Payload(name=name, link=link) for name in missing}}
+        return _with_unknown(replace(experiment, payloads=payloads), link)
     if len(open_names) != 1:
         what = "all payloads are known" if not open_names else f"there are several: {', '.join(open_names)}"
         raise FitError(f"experiment '{experiment.name}' must have one unknown payload, and {what}")
-    return experiment, open_names[0]
+    (name,) = open_names
+    if link is not None:
+        payloads = {**experiment.payloads, name: replace(experiment.payloads[name], link=link)}
+        experiment = replace(experiment, payloads=payloads)
+    return experiment, name
 
 
 @np.errstate(over="ignore", invalid="ignore")  # absurdly large samples end in an error

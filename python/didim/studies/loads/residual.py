@@ -29,7 +29,7 @@ from ...regression.selection import select
 from ...result.identification import Identification
 from ...result.table import table_lines
 from ...result.uncertainty import student_factor
-from ...robot.payload import NOTHING, flange_in_last_frame, last_link
+from ...robot.payload import NOTHING, Payload, ends, payload_columns
 from ...robot.robot import Robot
 from ...signal.align import align
 from ...signal.noise import stamp_noise
@@ -40,7 +40,7 @@ from ..prediction import predict, with_friction_of
 from ..validation import same_robot
 from .detection import Contact, PayloadChange, clearly_loaded, contacts, payload_change, shortest_s
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
-from .payload import identify_payload
+from .payload import UNNAMED, identify_payload
 
 CONTACT_THRESHOLD = 6.0
 """External torque, in standard deviations, from which the observer reports a contact."""
@@ -341,16 +341,24 @@ def _payload_change(
     beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
     n = robot.n_dof
-    base = robot.base_parameters.matrix @ last_link(robot, flange_in_last_frame(robot, experiment.flange))
-    names = independent(list(base.T))
     rows = system.y.size // n
-    columns = (system.w @ base[:, names]).reshape(n, rows, len(names)).transpose(1, 0, 2)
     residual = (system.y - system.w @ beta).reshape(n, rows).T
     assert fit.uncertainty is not None  # predictions have standard deviations here
     size = np.maximum(fit.uncertainty.joint_std, 1e-9 * np.abs(system.y).max())
     t = np.arange(rows) / rows * (len(part.q) / part.rate_hz)
     first = recording.t[recording.windows[window][0]] + experiment.signal.trim_start / part.rate_hz
-    return payload_change(first + t, residual, columns, 1.0 / size, names)
+    names_of_joints = robot.all_joint_names or tuple(str(joint + 1) for joint in range(n))
+    changes = []
+    for joint in ends(robot):
+        link = None if robot.geometry.in_line else names_of_joints[joint]
+        payload = Payload(name=UNNAMED, link=link)
+        base = robot.base_parameters.matrix @ payload_columns(robot, payload, experiment.flange)
+        names = independent(list(base.T))
+        columns = (system.w @ base[:, names]).reshape(n, rows, len(names)).transpose(1, 0, 2)
+        change = payload_change(first + t, residual, columns, 1.0 / size, names)
+        if change is not None:
+            changes.append(replace(change, link=link))
+    return max(changes, key=lambda change: change.gain, default=None)
 
 
 def _weighed(
@@ -373,7 +381,7 @@ def _weighed(
     # With the parameters of this recording, payload included, the estimate is the change.
     here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
     try:
-        payload_fit = identify_payload(here, replace(experiment, recordings=(rest,)))
+        payload_fit = identify_payload(here, replace(experiment, recordings=(rest,)), link=change.link)
     except DidimError:  # too few rows after the change to estimate it
         return replace(change, std=(0.0,) * len(change.std))
     if not clearly_loaded(payload_fit.ten, payload_fit.std):
