@@ -239,6 +239,23 @@ def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reporte
         didim.load_robot(path)
 
 
+def test_masses_by_group_and_in_total_and_the_world_are_read_as_mujoco_reads_them(tmp_path: Path) -> None:
+    path = tmp_path / "little.xml"
+    given = text(True).replace('eulerseq="xyz"', 'eulerseq="xyz" inertiagrouprange="1 2" settotalmass="20"')
+    given = given.replace('density="700"', 'density="700" group="2"').replace(
+        'mass="0.4"', 'mass="0.4" group="3"'
+    )
+    path.write_text(given.replace('-9"/>', '-9" viscosity="0.1"><flag gravity="disable"/></option>'))
+    robot = didim.load_robot(path, snap=0.0)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.viscosity = 0.0
+    compare(robot, model)
+    assert model.body_mass.sum() == pytest.approx(20.0)
+    notes = " ".join(robot.notes)
+    assert "gravity is disabled" in notes
+    assert "forces of the fluid are left out" in notes
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -249,6 +266,7 @@ def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reporte
         ),
         ('mass="5"', 'mass="five"', "mass of <inertial> must be 1 number of at most 1e+09, got 'five'"),
         ('eulerseq="xyz"', 'eulerseq="xyw"', "eulerseq must be three letters of x, y and z, got 'xyw'"),
+        ('eulerseq="xyz"', 'inertiagrouprange="1"', "must be two integers"),
         ('<frame pos="0 0.1 0">', '<replicate count="2"/><frame pos="0 0.1 0">', "<replicate> is not read"),
         ('name="tip"', 'name="left"', "there are two bodies 'left'"),
         ('<geom size="0.04"/>', '<geom size="0"/>', "the size of a sphere must be 1 positive numbers"),

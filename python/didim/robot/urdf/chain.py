@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import did_you_mean
+from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
 from ..rigid_body import pose, turn
 from .description import MOVING, Description, UrdfJoint
@@ -178,7 +178,7 @@ def choose_chain(
         moving = [joint for joint in path if _free(joint, lock)]
     mimics = _mimics(joints, moving, lock)
     moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
-    _check_joints(where, moving)
+    _check_joints(description, moving)
     return replace(_assemble(description, base, tip, path, moving, lock), mimics=mimics)
 
 
@@ -237,9 +237,13 @@ def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoi
     return [moving[k] for k in numbers]
 
 
-def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
+def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
+    where = description.where
     if not moving:
-        raise RobotError(f"{where}: no joint moves between base and tip")
+        held = [joint for joint in description.joints.values() if joint.moves and joint.kind not in MOVING]
+        names = series([f"{joint.name} ({joint.kind})" for joint in held], 80)
+        why = f"; joints of this type are held: {names}" if held else ""
+        raise RobotError(f"{where}: no joint moves between base and tip{why}")
     if len(moving) > LARGEST_CHAIN:
         names = ", ".join([*(joint.name for joint in moving[:3]), f"and {len(moving) - 3} more"])
         raise RobotError(

@@ -25,7 +25,7 @@ from ..rigid_body import inverse, pose, turn
 from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
-from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied
+from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied, world_notes
 from .solids import solid_inertial
 from .xml_spans import Element, parse_xml
 
@@ -243,6 +243,9 @@ class Reader:
             solids = []
             for geom, frame in geoms:
                 given = self.attributes(geom, childclass)
+                first, last = self.compiler.groups
+                if not first <= self.numbers(geom, given, "group", 0.0)[0] <= last:
+                    continue
                 if given.get("type") == "mesh" or "mesh" in given:
                     self.meshes.append(name)
                 else:
@@ -288,15 +291,19 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     for section in sections:
         if section.tag == "option":
             gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
+    weightless, notes = world_notes(sections)
+    gravity = 0.0 * gravity if weightless else gravity
     driven, unread = _with_actuators(sections, reader, where)
     joints = tied(sections, driven, where)
     outgoing = {
         link: tuple(joints[joint.child] for joint in children) for link, children in reader.outgoing.items()
     }
-    notes = []
+    links = reader.links
     if reader.meshes:
         names = series(dict.fromkeys(reader.meshes))
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
+    elif reader.compiler.total_mass:
+        links = _scaled(links, reader.compiler.total_mass)
     if reader.curved:
         notes.append(f"nonlinear parts are left out: {series(reader.curved)}")
     if tendons := sprung_tendons(sections, reader.defaults):
@@ -305,7 +312,7 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         notes.append(f"not read: {'; '.join(unread)}")
     name = outermost.attributes.get("model", "")
     return Description(
-        where, name, reader.links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)
+        where, name, links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)
     )
 
 
@@ -416,6 +423,15 @@ def _together(inertials: list[Inertial]) -> Inertial | None:
     at_centre = inverse(frame) @ total @ inverse(frame).T
     second = at_centre[:3, :3]
     return Inertial(mass=mass, frame=frame, inertia=np.trace(second) * np.eye(3) - second)
+
+
+def _scaled(links: Mapping[str, Inertial | None], mass: float) -> dict[str, Inertial | None]:
+    """Return the bodies scaled to a total mass (kg)."""
+    ratio = mass / (sum(body.mass for body in links.values() if body is not None) or math.inf)
+    return {
+        name: body and replace(body, mass=ratio * body.mass, inertia=ratio * body.inertia)
+        for name, body in links.items()
+    }
 
 
 def _unit(vector: Array) -> Array:

@@ -5,6 +5,7 @@ Tested in ``tests/test_mjcf.py`` and ``tests/test_couplings.py``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -28,12 +29,18 @@ class Compiler:
         ``inertiafromgeom``: ``true``, ``false`` or ``auto``.
     autolimits : bool
         Whether a range is a limit by itself.
+    groups : (int, int)
+        First and last group of the geoms that have mass.
+    total_mass : float
+        Mass (kg) to which all bodies are scaled, zero for none.
     """
 
     degrees: bool = True
     eulerseq: str = "xyz"
     from_geoms: str = "auto"
     autolimits: bool = True
+    groups: tuple[int, int] = (0, 5)
+    total_mass: float = 0.0
 
 
 _Attributes = Mapping[str, Mapping[str, str]]
@@ -50,7 +57,7 @@ def compiler_of(sections: list[Element], where: str) -> Compiler:
     Raises
     ------
     RobotError
-        For global coordinates, which MuJoCo no longer reads, and a wrong order of Euler angles.
+        For global coordinates, which MuJoCo no longer reads, a wrong order of Euler angles and wrong numbers.
     """
     given: dict[str, str] = {}
     for section in sections:
@@ -61,12 +68,40 @@ def compiler_of(sections: list[Element], where: str) -> Compiler:
     eulerseq = given.get("eulerseq", "xyz")
     if len(eulerseq) != 3 or not set(eulerseq.lower()) <= set("xyz"):
         raise RobotError(f"{where}: eulerseq must be three letters of x, y and z, got {eulerseq!r}")
+    try:
+        first, last = (int(word) for word in given.get("inertiagrouprange", "0 5").split())
+        total_mass = float(given.get("settotalmass", "-1"))
+    except ValueError:
+        raise RobotError(
+            f"{where}: inertiagrouprange of <compiler> must be two integers, settotalmass a number"
+        ) from None
     return Compiler(
         degrees=given.get("angle", "degree") == "degree",
         eulerseq=eulerseq,
         from_geoms=given.get("inertiafromgeom", "auto"),
         autolimits=given.get("autolimits", "true") == "true",
+        groups=(first, last),
+        total_mass=total_mass if 0.0 < total_mass < math.inf else 0.0,
     )
+
+
+def world_notes(sections: list[Element]) -> tuple[bool, list[str]]:
+    """Return whether gravity is disabled, and sentences on that and on what else of the simulated world is left out."""
+    options = [section for section in sections if section.tag == "option"]
+    flags = [
+        flag.attributes.get("gravity") for option in options for flag in option.children if flag.tag == "flag"
+    ]
+    weightless = bool(flags) and flags[-1] == "disable"
+    notes = (
+        ["gravity is disabled in the file (didim robot --gravity 0 0 -9.81 restores it)"]
+        if weightless
+        else []
+    )
+    if any(
+        option.attributes.get(key, "0").strip("0.") for option in options for key in ("density", "viscosity")
+    ):
+        notes.append("forces of the fluid are left out (density, viscosity)")
+    return weightless, notes
 
 
 def defaults_of(sections: list[Element]) -> Defaults:
