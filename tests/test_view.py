@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
+import shutil
 import socket
+import subprocess
 import sys
+import tempfile
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +23,7 @@ from didim.cli.main import main
 from didim.cli.robots.view import contents
 from didim.errors import DidimError
 from didim.model.kinematics import frames
-from didim.view import playback, shapes
+from didim.view import framing, playback, shapes
 from didim.view.visuals import find_mesh, visuals
 from test_compare import ARM
 
@@ -56,7 +61,7 @@ def urdf(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["planar2", "tx40", "ur5e", "iiwa14"])
+@pytest.mark.parametrize("name", ["planar2", "tx40", "ur5e", "iiwa14", "go2"])
 def test_the_skeleton_joins_the_frames_in_every_pose(name: str) -> None:
     robot = didim.load_robot(name)
     q = np.random.default_rng(0).uniform(-2.0, 2.0, robot.n_dof)
@@ -271,17 +276,85 @@ def test_the_page_is_served_and_moves(log: Path) -> None:
         page.close()
 
 
-@pytest.mark.parametrize("name", ["emps", "planar2"])
-def test_the_camera_stands_away_from_the_robot(name: str) -> None:
-    """The frames of a single joint are all in one place, and a box around them has no size."""
+@pytest.mark.parametrize(
+    "gravity", [(0, 0, -9.81), (0, -9.81, 0), (9.81, 0, 0), (3, -4, 5), (0, 0, 9.81), (0, 0, 0)]
+)
+def test_the_floor_is_level(gravity: tuple[float, ...]) -> None:
+    axes = framing.floor_axes(np.array(gravity, dtype=float))
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    expected = np.array([0.0, 0.0, 1.0]) if not any(gravity) else -np.array(gravity) / np.linalg.norm(gravity)
+    np.testing.assert_allclose(axes[:, 2], expected, atol=1e-12)
+
+
+class Browser:
+    """A browser that has opened the page, with the camera that viser starts with."""
+
+    def __init__(self, aspect: float) -> None:
+        self.camera = argparse.Namespace(fov=np.deg2rad(75.0), aspect=aspect)
+
+    def atomic(self) -> contextlib.nullcontext[None]:
+        return contextlib.nullcontext()
+
+
+@pytest.mark.parametrize("aspect", [1280 / 900, 400 / 900])
+@pytest.mark.parametrize("name", ["emps", "planar2", "ur10e", "tx40", "go2"])
+def test_the_camera_sees_the_whole_robot_in_every_pose(name: str, aspect: float) -> None:
+    """Every corner of every shape is within the picture, which the robot fills to half or more; so is gravity's arrow."""
     pytest.importorskip("viser")
     from didim.view.page import Page
 
     robot = didim.load_robot(name)
+    t = np.linspace(0.0, 1.0, 40)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (40, robot.n_dof))
+    drawn = shapes.skeleton(robot)
+    page = Page(robot, drawn, [playback.Playback(label="random", t=t, q=q)], port=free_port())
+    try:
+        browser = Browser(aspect)
+        page._look_at_robot(browser)
+    finally:
+        page.close()
+    camera, up = browser.camera, -np.array(robot.geometry.gravity)
+    forward = camera.look_at - camera.position
+    right = np.cross(forward, up if np.any(up) else (0.0, 0.0, 1.0))
+    rows = np.stack([right, np.cross(right, forward), forward])
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    corners = [
+        corner @ matrix[shape.link, :3, :3].T + matrix[shape.link, :3, 3]
+        for matrix in frames(robot, q)
+        for shape in drawn
+        for corner in framing.box_of(shape)
+    ]
+    x, y, depth = rows @ (np.array(corners) - camera.position).T
+    assert depth.min() > 0.0
+    half = depth * np.tan(0.5 * camera.fov)
+    shares = max(np.abs(x / (aspect * half)).max(), np.abs(y / half).max())
+    assert 0.5 < shares < 1.0
+
+
+def browsed(chromium: str, url: str, options: Sequence[str]) -> str:
+    """Return the page that a browser without a screen has made of an address."""
+    with tempfile.TemporaryDirectory() as profile:
+        command = [chromium, "--headless=new", "--no-sandbox", f"--user-data-dir={profile}", *options]
+        command += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--virtual-time-budget=20000"]
+        return subprocess.run([*command, "--dump-dom", url], capture_output=True, text=True).stdout
+
+
+@pytest.mark.tools
+def test_a_browser_that_prefers_dark_pages_gets_one() -> None:
+    pytest.importorskip("viser")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs chromium")
+    from didim.view.page import Page
+
+    robot = didim.load_robot("planar2")
     page = Page(robot, shapes.skeleton(robot), [], port=free_port())
     try:
-        camera = page._server.initial_camera
-        assert np.linalg.norm(np.subtract(camera.position, camera.look_at)) > shapes.reach(robot)
+        for options, scheme in ([[], "light"], [["--force-dark-mode"], "dark"]):
+            # A busy machine may print the page before it is complete.
+            shown = (browsed(chromium, page.url, options) for _ in range(5))
+            assert any(f'data-mantine-color-scheme="{scheme}"' in text[:200] for text in shown)
     finally:
         page.close()
 

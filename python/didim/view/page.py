@@ -15,9 +15,11 @@ from .._tools.arrays import Array
 from .._tools.plugins import optional
 from ..errors import PlotError
 from ..model.kinematics import frames
+from ..robot.rigid_body import pose
 from ..robot.robot import Robot
+from .framing import box_around, box_of, camera, floor_axes, points_in, poses_of
 from .playback import Playback
-from .shapes import Shape, reach
+from .shapes import FLOOR, GRAVITY, LINK, Shape, reach
 
 FRAME_S = 1.0 / 30.0
 """Time (s) between two drawn poses: the rate of a film, which a local page can follow."""
@@ -25,10 +27,22 @@ GHOST_OPACITY = 0.3
 """Opacity of the second motion: the first one shows through it."""
 HIDDEN_AT_FIRST = ("capsules", "prior", "prior: centres of mass")
 """Layers that are hidden at first beside an estimate, since they would cover it; the first one is always hidden at first."""
-VIEWED_FROM = (0.9, -1.1, 0.7)
-"""Direction from the robot to the camera: from the front and above, so that no axis of the base points at it."""
-CAMERA_DISTANCE = 1.25
-"""Distance of the camera, over the diagonal of the box around the robot: the box fits into viser's angle of view of 75 degrees."""
+ARROW_SHARE = 0.35
+"""Length of the arrow of gravity, as a share of the robot's reach."""
+FOLLOW_SCHEME = """\
+<img src="data:," hidden onerror="
+  const dark = matchMedia('(prefers-color-scheme: dark)');
+  const follow = () => {
+    if (dark.matches == /darkMode/.test(location.search)) return;
+    location.replace(dark.matches ? '?darkMode' : '?');
+  };
+  dark.onchange = follow;
+  follow();
+">"""
+"""HTML that opens viser's dark page (its address ends in ``?darkMode``) in a browser whose user prefers dark pages.
+
+viser has no setting for it. A picture that cannot be loaded runs its handler; a script element would not run.
+"""
 FULL_COLOUR_SHARE = 0.1
 """Residual, as a share of the largest torque, that is drawn in full colour."""
 
@@ -66,34 +80,19 @@ class Page:
         self._nodes: list[list[Any]] = []
         self._layers: dict[str, list[Any]] = {}
         self._coloured: dict[int, list[Any]] = {}
-        self._points: list[tuple[int, Array]] = []
-        gravity = np.array(robot.geometry.gravity)
-        size = reach(robot)
-        scene = self._server.scene
-        scene.set_up_direction(tuple(_up(gravity)))
-        scene.add_grid(
-            "/floor", width=4.0 * size, height=4.0 * size, cell_size=0.1 * size, section_size=0.5 * size
-        )
-        if np.any(gravity):
-            start = np.array([-0.6 * size, -0.6 * size, 0.0]) - 0.4 * size * gravity / np.linalg.norm(gravity)
-            ends = np.stack([start, start + 0.35 * size * gravity / np.linalg.norm(gravity)])
-            arrow = scene.add_arrows(
-                "/gravity",
-                ends[None],
-                (213, 94, 0),
-                shaft_radius=0.008 * size,
-                head_radius=0.02 * size,
-                head_length=0.05 * size,
-            )
-            self._layers["gravity"] = [arrow]
+        self._boxes: list[tuple[int, Array]] = []
+        self._axes = floor_axes(np.array(robot.geometry.gravity))
+        self._server.scene.set_up_direction(tuple(self._axes[:, 2]))
         self._add_robot("", shapes, ghost=False)
         if len(self.playbacks) > 1:
             self._add_robot(
                 "/ghost", [shape for shape in shapes if shape.layer in ("skeleton", "visuals")], ghost=True
             )
+        self._points = points_in(robot, poses_of(robot, self.playbacks), self._boxes)
+        self._add_surroundings()
         self._controls()
         self.show(0.0)
-        self._look_at_robot()
+        self._server.on_client_connect(self._look_at_robot)
 
     @property
     def url(self) -> str:
@@ -140,19 +139,47 @@ class Page:
         """End the server."""
         self._server.stop()
 
-    def _look_at_robot(self) -> None:
-        """Place the camera so that all shapes of the first pose are in the picture."""
-        q = self.playbacks[0].at(self.playbacks[0].t[0]) if self.playbacks else np.zeros(self.robot.n_dof)
-        at = frames(self.robot, q[None])[0]
-        points = np.concatenate([at[:, :3, 3], *(_moved(at[link], points) for link, points in self._points)])
-        low, high = points.min(axis=0), points.max(axis=0)
-        middle = 0.5 * (low + high)
-        away = np.array(VIEWED_FROM) / np.linalg.norm(VIEWED_FROM)
-        camera = self._server.initial_camera
-        # The frames of one joint are all in one place: a camera there would look at itself.
-        size = max(float(np.linalg.norm(high - low)), reach(self.robot))
-        camera.position = tuple(middle + CAMERA_DISTANCE * size * away)
-        camera.look_at = tuple(middle)
+    def _look_at_robot(self, client: Any) -> None:
+        """Place the camera of a browser so that the robot is in its picture in all poses."""
+        position, look_at = camera(self._points, self._axes, client.camera.fov, client.camera.aspect)
+        with client.atomic():
+            client.camera.position, client.camera.look_at = position, look_at
+
+    def _add_surroundings(self) -> None:
+        """Add the floor, under the base and all poses, and the arrow of gravity at a corner of it."""
+        size, scene = reach(self.robot), self._server.scene
+        low, high = (end(self._points @ self._axes, axis=0) for end in (np.min, np.max))
+        middle = np.array([*(0.5 * (low + high))[:2], min(low[2], 0.0)])
+        wide = max(4.0 * size, 2.0 * float((high - low)[:2].max()))
+        turned = pose(self._axes, self._axes @ middle)
+        position, wxyz = _place(turned)
+        scene.add_grid(
+            "/floor",
+            width=wide,
+            height=wide,
+            cell_size=0.1 * size,
+            section_size=0.5 * size,
+            cell_color=FLOOR,
+            section_color=FLOOR,
+            cell_thickness=0.5,
+            position=position,
+            wxyz=wxyz,
+        )
+        if not np.any(self.robot.geometry.gravity):
+            return
+        end = self._axes @ np.array([low[0], low[1], middle[2] + 0.05 * size])
+        start = end + ARROW_SHARE * size * self._axes[:, 2]
+        self._points = np.concatenate([self._points, [start, end]])
+        arrow = scene.add_arrows(
+            "/gravity",
+            np.stack([start, end])[None],
+            GRAVITY,
+            shaft_radius=0.008 * size,
+            head_radius=0.02 * size,
+            head_length=0.05 * size,
+        )
+        label = scene.add_label("/gravity_label", "gravity", position=start, anchor="bottom-center")
+        self._layers = {"gravity": [arrow, label], **self._layers}
 
     def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:
         scene = self._server.scene
@@ -166,9 +193,8 @@ class Page:
             )
             if handle is None:
                 continue
-            if shape.kind == "ellipsoid":
-                axes = np.diag(shape.size)
-                self._points.append((shape.link, _moved(shape.pose, np.concatenate([axes, -axes]))))
+            if shape.kind != "mesh":
+                self._boxes.append((shape.link, box_of(shape)))
             self._layers.setdefault("simulated" if ghost else shape.layer, []).append(handle)
             if not ghost and shape.layer == "skeleton" and shape.kind in ("sphere", "box") and shape.link > 0:
                 self._coloured.setdefault(shape.link, []).append(handle)
@@ -197,15 +223,14 @@ class Page:
             self._server.gui.add_markdown(f"Mesh {shape.file} cannot be read: {reason}")
             return None
         vertices = np.asarray(mesh.vertices) * np.array(shape.size)
-        self._points.append((shape.link, _moved(shape.pose, vertices)))
+        self._boxes.append((shape.link, box_around(vertices, shape.pose)))
         return self._server.scene.add_mesh_simple(
             name, vertices, np.asarray(mesh.faces), **{**look, "color": (188, 194, 203)}
         )
 
     def _controls(self) -> None:
         gui = self._server.gui
-        dark = gui.add_checkbox("dark page", initial_value=False)
-        dark.on_update(lambda _: gui.configure_theme(dark_mode=dark.value))
+        gui.add_html(FOLLOW_SCHEME)
         if self.duration > 0.0:
             self._playing = gui.add_checkbox("play", initial_value=False)
             self._slider = gui.add_slider("time, s", 0.0, self.duration, min(0.01, self.duration), 0.0)
@@ -228,22 +253,10 @@ def _place(matrix: Array) -> tuple[Array, Array]:
     return matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_quat()[[3, 0, 1, 2]]
 
 
-def _moved(matrix: Array, points: Array) -> Array:
-    """Return points (k, 3) of a frame in the frame that its homogeneous matrix refers to (m)."""
-    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
-
-
-def _up(gravity: Array) -> Array:
-    """Return the upward direction of a picture: against gravity, or z without it."""
-    size = float(np.linalg.norm(gravity))
-    return np.array([0.0, 0.0, 1.0]) if size == 0.0 else -gravity / size
-
-
 def _heat(share: float) -> tuple[int, int, int]:
     """Return grey for no residual, orange from `FULL_COLOUR_SHARE` of the largest torque on."""
     part = min(share / FULL_COLOUR_SHARE, 1.0)
-    grey, full = np.array([70.0, 78.0, 90.0]), np.array([213.0, 94.0, 0.0])
+    grey, full = np.array(LINK), np.array(GRAVITY)
     red, green, blue = (grey + part * (full - grey)).round().astype(int).tolist()
     return red, green, blue
 

@@ -24,11 +24,13 @@ from ..robot.robot import Robot
 Colour = tuple[int, int, int]
 Kind = Literal["cylinder", "sphere", "ellipsoid", "box", "mesh"]
 
-LINK: Colour = (70, 78, 90)
+LINK: Colour = (96, 106, 120)
 AXIS: Colour = (0, 114, 178)
 ESTIMATE: Colour = (0, 158, 115)
 PRIOR: Colour = (150, 155, 163)
 CAPSULE: Colour = (230, 159, 0)
+GRAVITY: Colour = (213, 94, 0)
+FLOOR: Colour = (128, 134, 142)
 SKELETON_SHARE = 0.022
 """Radius of the skeleton, as a share of the robot's reach: thick enough to see, thin enough to show a wrong row."""
 AXIS_SHARE = 0.09
@@ -82,22 +84,27 @@ def skeleton(robot: Robot) -> list[Shape]:
     size = reach(robot)
     at_zero = frames(robot, np.zeros((1, robot.n_dof)))[0]
     shapes: list[Shape] = []
-    for joint, parent in enumerate(robot.geometry.parents):
+    parents = robot.geometry.parents
+    for joint, parent in enumerate(parents):
         before = 0 if parent is None else parent + 1
         # The position of a revolute joint in its parent's frame does not depend on the pose.
         seen = np.linalg.solve(at_zero[before], at_zero[joint + 1])
         corners = [np.zeros(3), seen[:3, 3]]
         if robot.geometry.in_line:  # along x by d, then along z by r, as in the rows of the robot file
             corners.insert(1, np.array([robot.geometry.d[joint], 0.0, 0.0]))
+        if parents.count(parent) > 1:  # a trunk: limbs meet in its middle
+            limbs = [other + 1 for other, below in enumerate(parents) if below == parent]
+            origins = np.linalg.solve(at_zero[before], at_zero[limbs])[:, :3, 3]
+            corners.insert(1, origins.mean(axis=0))
+        if robot.joint_kinds[joint] == "prismatic":
+            shapes.append(box("skeleton", joint + 1, 4.0 * SKELETON_SHARE * size))
+        else:
+            shapes.append(ball("skeleton", joint + 1, 1.4 * SKELETON_SHARE * size))
         for start, end in itertools.pairwise(corners):
             shapes += segment("skeleton", before, start, end, SKELETON_SHARE * size, LINK)
         half = AXIS_SHARE * size
         along = np.array([0.0, 0.0, half])
         shapes += segment("joint axes", joint + 1, -along, along, 0.35 * SKELETON_SHARE * size, AXIS)
-        if robot.joint_kinds[joint] == "prismatic":
-            shapes.append(box("skeleton", joint + 1, 4.0 * SKELETON_SHARE * size))
-        else:
-            shapes.append(ball("skeleton", joint + 1, 1.4 * SKELETON_SHARE * size))
     return shapes
 
 
