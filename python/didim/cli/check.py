@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment
+from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment, add_option
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -23,13 +23,13 @@ def add(commands: Commands) -> None:
         ("didim check log.toml", "didim check log.toml --parameters fit.json --json findings.json"),
     )
     add_experiment(parser)
-    parser.add_argument(
-        "--parameters",
-        metavar="FILE|NAME",
-        help="known parameters, to check the scale of each joint: result of an identification (.json) or its parameters "
+    add_option(
+        parser,
+        "--parameters FILE|NAME",
+        "known parameters, to check the scale of each joint: result of an identification (.json) or its parameters "
         "(.toml, .npz), or a parameter set of the robot file",
     )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")
+    add_option(parser, "--json FILE", "also write the findings as JSON", Path)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -11,7 +11,9 @@ from .options import (
     NOT_CONVERGED,
     add_command,
     add_data,
+    add_flag,
     add_format,
+    add_option,
     add_regression,
     add_report,
     check_report,
@@ -44,39 +46,34 @@ def add(commands: Commands) -> None:
     what.add_argument(
         "--robot", default="tx40", help="robot whose experiment comes with the package (default: %(default)s)"
     )
-    what.add_argument(
-        "--experiment",
-        metavar="EXPERIMENT.toml",
-        type=Path,
-        help="experiment of your own instead, with a [reference]",
+    add_option(
+        what, "--experiment EXPERIMENT.toml", "experiment of your own instead, with a [reference]", Path
     )
     add_data(parser)
     log = parser.add_argument_group("simulated log")
-    log.add_argument(
-        "--parameters",
-        metavar="NAME",
-        help="parameter set of the robot that is the truth (default: didim_physical, or didim, Table II of the paper)",
+    add_option(
+        log,
+        "--parameters NAME",
+        "parameter set of the robot that is the truth (default: didim_physical, or didim, Table II of the paper)",
     )
-    log.add_argument("--seed", type=int, metavar="N", help="seed of the noise")
-    log.add_argument("--no-noise", action="store_true", help="simulate a log without noise")
+    add_option(log, "--seed N", "seed of the noise", int)
+    add_flag(log, "--no-noise", "simulate a log without noise")
     _add_methods(parser.add_argument_group("methods"))
     files = parser.add_argument_group("files and printing")
-    files.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    add_option(files, "--json FILE", "also write everything as JSON", Path)
     add_report(files)
     add_format(files)
-    files.add_argument(
-        "--all", action="store_true", help="print all parameters, each joint's torque error and all notes"
-    )
-    files.add_argument("--quiet", action="store_true", help="print nothing on stderr")
+    add_flag(files, "--all", "print all parameters, each joint's torque error and all notes")
+    add_flag(files, "--quiet", "print nothing on stderr")
 
 
 def _add_methods(method: Options) -> None:
     """Add the choice of the methods and their settings."""
-    method.add_argument(
-        "--method",
-        metavar="NAME",
+    add_option(
+        method,
+        "--method NAME",
+        "compare this method, one of `didim methods` or module:Class, in place of all; may be given several times",
         action="append",
-        help="compare this method, one of `didim methods` or module:Class, in place of all; may be given several times",
     )
     method.add_argument(
         "--nelder-mead",
@@ -91,10 +88,10 @@ def _add_methods(method: Options) -> None:
         action="append",
         help="variant of the simplex (default: adaptive); give it twice to compare two",
     )
-    method.add_argument(
+    add_flag(
+        method,
         "--contrast",
-        action="store_true",
-        help="only IDIM-LS, IDIM-IV and DIDIM, on the log of the experiment if it has one: their differences show whether the "
+        "only IDIM-LS, IDIM-IV and DIDIM, on the log of the experiment if it has one: their differences show whether the "
         "filter or the controller is wrong",
     )
     add_regression(method)

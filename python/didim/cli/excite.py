@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, INTERRUPTED, add_command, add_report, add_robot, check_report
+from .options import (
+    CONVERGED,
+    INTERRUPTED,
+    add_command,
+    add_flag,
+    add_option,
+    add_report,
+    add_robot,
+    check_report,
+)
 from .outputs import Saved, check_outputs
 from .terminal.messages import progress_lines
 
@@ -30,34 +39,31 @@ def add(commands: Commands) -> None:
         ),
     )
     add_robot(parser)
-    parser.add_argument(
-        "settings",
-        metavar="EXCITE.toml",
-        type=Path,
+    add_option(
+        parser,
+        "settings EXCITE.toml",
+        "settings of the design (default: ten seconds, all parameters)",
+        Path,
         nargs="?",
-        help="settings of the design (default: ten seconds, all parameters)",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        type=Path,
+    add_option(
+        parser,
+        "-o --output FILE",
+        "write the motion: .csv, .toml ([reference] of an experiment), .script (URScript) or .yaml (JointTrajectory of "
+        "ROS 2); may be given several times",
+        Path,
         action="append",
         default=[],
-        help="write the motion: .csv, .toml ([reference] of an experiment), .script (URScript) or .yaml (JointTrajectory of "
-        "ROS 2); may be given several times",
     )
-    parser.add_argument(
-        "--for", dest="wanted", metavar="NAME", nargs="+", help="base parameters that count (default: all)"
-    )
-    parser.add_argument(
+    add_option(parser, "--for NAME", "base parameters that count (default: all)", dest="wanted", nargs="+")
+    add_flag(
+        parser,
         "--positions",
-        action="store_true",
-        help="ROBOT is an experiment file with known links: design steps or chirps that identify drives and friction by positions "
+        "ROBOT is an experiment file with known links: design steps or chirps that identify drives and friction by positions "
         "alone (-o motion.csv)",
     )
     add_report(parser)
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_flag(parser, "--quiet", "no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, add_command, refuse, tell
+from .options import CONVERGED, add_command, add_flag, add_option, refuse, tell
 from .outputs import Saved, check_outputs, refuse_existing
 from .terminal.width import fitted
 
@@ -33,65 +33,57 @@ def add(commands: Commands) -> None:
             "didim export fit.json --c --prefix arm_ -o arm.h",
         ),
     )
-    parser.add_argument("fit", metavar="FIT.json", type=Path, nargs="?", help="result of an identification")
-    parser.add_argument(
-        "--parameters",
-        metavar="FILE|NAME",
-        help="in place of a result: a file of parameters (.toml, .npz), or a parameter set of the robot",
+    add_option(parser, "fit FIT.json", "result of an identification", Path, nargs="?")
+    add_option(
+        parser,
+        "--parameters FILE|NAME",
+        "in place of a result: a file of parameters (.toml, .npz), or a parameter set of the robot",
     )
-    parser.add_argument(
-        "--prior",
-        metavar="NAME",
-        help="prior for parameters that the log does not identify: a parameter set of the robot, or 'generic' solids "
+    add_option(
+        parser,
+        "--prior NAME",
+        "prior for parameters that the log does not identify: a parameter set of the robot, or 'generic' solids "
         "(default: the set of the URDF)",
     )
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help="robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
+    add_option(
+        parser,
+        "--robot ROBOT",
+        "robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
     )
     _add_forms(parser.add_mutually_exclusive_group(required=True))
-    parser.add_argument(
-        "--for-step",
-        metavar="H",
-        type=float,
-        help="with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
+    add_option(
+        parser,
+        "--for-step H",
+        "with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
+        float,
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    parser.add_argument(
+    add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
+    add_flag(parser, "--force", "overwrite an existing file")
+    add_flag(
+        parser,
         "--keep-lumped",
-        action="store_true",
-        help="in a URDF: links that are fixed to a moving one keep their inertia, and it gets the difference",
+        "in a URDF: links that are fixed to a moving one keep their inertia, and it gets the difference",
     )
 
 
 def _add_forms(form: Options) -> None:
     """Add the forms, one of which is written."""
-    form.add_argument(
-        "--urdf", metavar="ARM.urdf", type=Path, help="URDF whose inertias and friction are replaced"
-    )
-    form.add_argument(
-        "--mjcf",
-        metavar="ROBOT.xml",
-        type=Path,
+    add_option(form, "--urdf ARM.urdf", "URDF whose inertias and friction are replaced", Path)
+    add_option(
+        form,
+        "--mjcf ROBOT.xml",
+        "write MJCF, the format of MuJoCo; with a file, only change its drives",
+        Path,
         nargs="?",
         const=NEW,
-        help="write MJCF, the format of MuJoCo; with a file, only change its drives",
     )
-    form.add_argument(
-        "--isaac-lab", action="store_true", help="write the actuators of an Isaac Lab articulation"
-    )
-    form.add_argument("--mjlab", action="store_true", help="write the actuators of an mjlab entity")
-    form.add_argument(
-        "--bam", action="store_true", help="write parameters of BAM's friction model M1 as JSON"
-    )
-    form.add_argument("--sdf", action="store_true", help="write SDF, the format of Gazebo and Drake")
-    form.add_argument("--c", action="store_true", help="write a C99 header: torques, M(q) and gravity")
-    form.add_argument(
-        "--latex", action="store_true", help="write the equations of a robot of up to three joints as LaTeX"
-    )
+    add_flag(form, "--isaac-lab", "write the actuators of an Isaac Lab articulation")
+    add_flag(form, "--mjlab", "write the actuators of an mjlab entity")
+    add_flag(form, "--bam", "write parameters of BAM's friction model M1 as JSON")
+    add_flag(form, "--sdf", "write SDF, the format of Gazebo and Drake")
+    add_flag(form, "--c", "write a C99 header: torques, M(q) and gravity")
+    add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
 
 
 def run(options: argparse.Namespace) -> int:

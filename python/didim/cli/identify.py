@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 from .options import (
     add_command,
     add_experiment,
+    add_flag,
     add_format,
+    add_option,
     add_regression,
     add_report,
     add_strict,
@@ -34,33 +36,33 @@ def add(commands: Commands) -> None:
     _add_method(parser.add_argument_group("method"))
     _add_cloe(parser.add_argument_group("method cloe"))
     files = parser.add_argument_group("files")
-    files.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
-    files.add_argument(
-        "--save-parameters",
-        metavar="FILE.toml|FILE.npz",
-        type=Path,
-        help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
+    add_option(files, "--json FILE", "also write the result as JSON", Path)
+    add_option(
+        files,
+        "--save-parameters FILE.toml|FILE.npz",
+        "also write the parameters: as a set for a robot file, or as arrays with their covariance",
+        Path,
     )
     add_report(files)
     printed = parser.add_argument_group("printing")
     add_format(printed)
     add_strict(printed)
     loudness = printed.add_mutually_exclusive_group()
-    loudness.add_argument("--quiet", action="store_true", help="print no table and no progress")
-    loudness.add_argument("--verbose", action="store_true", help="print every iteration on stderr")
+    add_flag(loudness, "--quiet", "print no table and no progress")
+    add_flag(loudness, "--verbose", "print every iteration on stderr")
 
 
 def _add_method(method: Options) -> None:
     """Add the choice of the method and the settings that several methods share."""
-    method.add_argument(
-        "--method",
-        metavar="NAME",
-        help="one of `didim methods`, or module:Class (default: idim-ls, and cloe where the file says links = 'fixed')",
+    add_option(
+        method,
+        "--method NAME",
+        "one of `didim methods`, or module:Class (default: idim-ls, and cloe where the file says links = 'fixed')",
     )
-    method.add_argument(
-        "--start",
-        metavar="NAME",
-        help="initial parameters of didim, idim-iv and cloe: consistent, prior, unit, idim-ls, a set of the robot file, or a "
+    add_option(
+        method,
+        "--start NAME",
+        "initial parameters of didim, idim-iv and cloe: consistent, prior, unit, idim-ls, a set of the robot file, or a "
         "file of parameters",
     )
     add_regression(method)
@@ -96,17 +98,12 @@ def _add_cloe(cloe: Options) -> None:
         choices=("adaptive", "scaled", "literal"),
         help="variant of the simplex (default: adaptive); literal: as fminsearch has it",
     )
-    cloe.add_argument(
-        "--starts",
-        type=int,
-        metavar="N",
-        help="search from N points, and report how many reached the best optimum",
-    )
-    cloe.add_argument(
-        "--checkpoint",
-        metavar="FILE.npz",
-        type=Path,
-        help="save the search to a file while it runs, and resume it from there",
+    add_option(cloe, "--starts N", "search from N points, and report how many reached the best optimum", int)
+    add_option(
+        cloe,
+        "--checkpoint FILE.npz",
+        "save the search to a file while it runs, and resume it from there",
+        Path,
     )
 
 

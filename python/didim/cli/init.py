@@ -6,7 +6,18 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, NOT_CONVERGED, add_chain, add_command, add_robot, locked, refuse, tell
+from .options import (
+    CONVERGED,
+    NOT_CONVERGED,
+    add_chain,
+    add_command,
+    add_flag,
+    add_option,
+    add_robot,
+    locked,
+    refuse,
+    tell,
+)
 from .outputs import Saved
 from .terminal.messages import message
 
@@ -20,46 +31,38 @@ def add(commands: Commands) -> None:
         commands, "init", run, "write a first experiment file for a log, to be confirmed", EXAMPLES
     )
     add_robot(parser)
-    parser.add_argument(
-        "logs",
-        metavar="LOG",
-        type=Path,
-        nargs="+",
-        help="text with one sample a line, .npz, .mat, .h5, .json of BAM, or a ROS bag; "
+    add_option(
+        parser,
+        "logs LOG",
+        "text with one sample a line, .npz, .mat, .h5, .json of BAM, or a ROS bag; "
         "several are recordings, or the signals of one recording",
+        Path,
+        nargs="+",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE.toml",
-        type=Path,
-        help="experiment file (default: LOG.toml beside the log)",
-    )
+    add_option(parser, "-o --output FILE.toml", "experiment file (default: LOG.toml beside the log)", Path)
     _add_log(parser)
     tree = parser.add_argument_group("robot of a URDF with several chains")
     add_chain(tree, "that whose joints the log names")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_flag(parser, "--force", "overwrite an existing file")
 
 
 def _add_log(parser: Options) -> None:
     """Add what a log does not say of itself."""
-    parser.add_argument(
-        "--rate", metavar="HZ", type=float, help="sampling rate, for a log without time stamps"
-    )
-    parser.add_argument(
-        "--columns",
-        metavar="KIND=COLUMNS",
+    add_option(parser, "--rate HZ", "sampling rate, for a log without time stamps", float)
+    add_option(
+        parser,
+        "--columns KIND=COLUMNS",
+        "columns of a signal by name or number: --columns position=2-7, in one of several files torque=drives.csv:1-6; "
+        "kinds: time, position, velocity, torque, current, voltage, reference",
         action="append",
         default=[],
-        help="columns of a signal by name or number: --columns position=2-7, in one of several files torque=drives.csv:1-6; "
-        "kinds: time, position, velocity, torque, current, voltage, reference",
     )
-    parser.add_argument(
-        "--gain",
-        metavar="GAIN",
+    add_option(
+        parser,
+        "--gain GAIN",
+        "drive gains, N.m or N per A or V: one for all joints, one for each, or estimate",
         nargs="+",
         default=[],
-        help="drive gains, N.m or N per A or V: one for all joints, one for each, or estimate",
     )
     for gain, words in (("kp", "position error, N.m/rad"), ("kv", "velocity, N.m.s/rad")):
         parser.add_argument(
@@ -70,20 +73,17 @@ def _add_log(parser: Options) -> None:
             default=[],
             help=f"gain of position servos on the {words}, for a log without torques: one for all joints, or one for each",
         )
-    parser.add_argument(
-        "--side",
-        metavar="TABLE=SIDE",
+    add_option(
+        parser,
+        "--side TABLE=SIDE",
+        "side of the gears on which positions or torques were logged: --side torque=motor",
         action="append",
         default=[],
-        help="side of the gears on which positions or torques were logged: --side torque=motor",
     )
-    parser.add_argument(
-        "--values-per-sample",
-        metavar="N",
-        type=int,
-        help="values in each sample, for a text with one value a line",
+    add_option(
+        parser, "--values-per-sample N", "values in each sample, for a text with one value a line", int
     )
-    parser.add_argument("--topic", metavar="TOPIC", help="topic of joint states, for a ROS bag with several")
+    add_option(parser, "--topic TOPIC", "topic of joint states, for a ROS bag with several")
 
 
 EXAMPLES = (

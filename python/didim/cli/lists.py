@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, add_command, refuse
+from .options import CONVERGED, add_command, add_flag, add_option, refuse
 from .outputs import Saved, printed
 from .terminal.width import columns
 
@@ -26,22 +26,18 @@ def add(commands: Commands) -> None:
         "print every key of the files",
         ("didim schema robot", "didim schema experiment --json > didim.schema.json"),
     )
-    parser.add_argument(
-        "file",
-        metavar="FILE",
+    add_option(
+        parser,
+        "file FILE",
+        "robot, experiment, study or excitation (default: all, one after the other)",
         choices=("robot", "experiment", "study", "excitation"),
         nargs="?",
-        help="robot, experiment, study or excitation (default: all, one after the other)",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="as a JSON schema, for editors that complete and check TOML files"
-    )
+    add_flag(parser, "--json", "as a JSON schema, for editors that complete and check TOML files")
     parser = add_command(commands, "example", example, "copy an example, with the commands to run")
-    parser.add_argument("name", metavar="NAME", nargs="?", help="example (default: list them)")
-    parser.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path, help="where to (default: a folder NAME, here)"
-    )
-    parser.add_argument("--force", action="store_true", help="overwrite files that are there already")
+    add_option(parser, "name NAME", "example (default: list them)", nargs="?")
+    add_option(parser, "-o --output FOLDER", "where to (default: a folder NAME, here)", Path)
+    add_flag(parser, "--force", "overwrite files that are there already")
 
 
 def robots(_: argparse.Namespace) -> int:

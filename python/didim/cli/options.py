@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._tools.words import printable
 from ..errors import RobotError
@@ -81,39 +81,45 @@ def add_command(
     return parser
 
 
+def add_flag(parser: Options, name: str, help_text: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(name, action="store_true", help=help_text)
+
+
+def add_option(
+    parser: Options, form: str, help_text: str, kind: Callable[[str], Any] = str, **settings: Any
+) -> None:
+    """Add an argument as the help shows it, such as ``-o --output FILE``: its names, then that of its value."""
+    *names, metavar = form.split()
+    parser.add_argument(*names, metavar=metavar, type=kind, help=help_text, **settings)
+
+
 def add_experiment(parser: argparse.ArgumentParser) -> None:
     """Arguments of every command that reads an experiment."""
-    parser.add_argument("experiment", metavar="EXPERIMENT.toml", type=Path, help="experiment file")
+    add_option(parser, "experiment EXPERIMENT.toml", "experiment file", Path)
     add_data(parser)
 
 
 def add_data(parser: argparse.ArgumentParser) -> None:
     """Add ``--data``, the folder of the data files."""
-    parser.add_argument(
-        "--data",
-        metavar="DIR",
-        type=Path,
-        help="folder of the data files (default: that of the experiment file)",
-    )
+    add_option(parser, "--data DIR", "folder of the data files (default: that of the experiment file)", Path)
 
 
 def add_robot(parser: Options) -> None:
     """Add the robot, the first argument of a command."""
-    parser.add_argument(
-        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
-    )
+    add_option(parser, "robot ROBOT", "name of a packaged robot, or path of a robot file or a URDF")
 
 
 def add_chain(parser: Options, tip: str) -> None:
     """Add ``--tip``, `tip` of which is the default in words, ``--base`` and ``--lock``: the part of a URDF that is meant."""
-    parser.add_argument("--tip", metavar="LINK", help=f"last link of the chain (default: {tip})")
-    parser.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
-    parser.add_argument(
-        "--lock",
-        metavar="JOINT=VALUE",
+    add_option(parser, "--tip LINK", f"last link of the chain (default: {tip})")
+    add_option(parser, "--base LINK", "first link of the chain (default: the root)")
+    add_option(
+        parser,
+        "--lock JOINT=VALUE",
+        "keep a joint still at a position (rad or m); may be given several times",
         action="append",
         default=[],
-        help="keep a joint still at a position (rad or m); may be given several times",
     )
 
 
@@ -141,11 +147,8 @@ def locked(options: argparse.Namespace) -> dict[str, float]:
 
 def add_report(parser: Options) -> None:
     """Add ``--report``."""
-    parser.add_argument(
-        "--report",
-        metavar="FILE.html",
-        type=Path,
-        help="also write a page with tables and pictures (needs didim[plot])",
+    add_option(
+        parser, "--report FILE.html", "also write a page with tables and pictures (needs didim[plot])", Path
     )
 
 
@@ -164,10 +167,10 @@ def add_regression(parser: Options) -> None:
         choices=("jackknife", "decimated", "white"),
         help="source of the standard deviations (default: that of the experiment file, else the jackknife)",
     )
-    parser.add_argument(
-        "--solver",
-        metavar="NAME",
-        help="solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, ridge, consistent or "
+    add_option(
+        parser,
+        "--solver NAME",
+        "solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, ridge, consistent or "
         "module:object (default: least-squares; consistent for didim)",
     )
 
@@ -193,11 +196,7 @@ def formatted(result: Result, form: str) -> str:
 
 def add_strict(parser: Options) -> None:
     """Add ``--strict``."""
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="exit code 1 for a doubtful verdict too, not only for a wrong one",
-    )
+    add_flag(parser, "--strict", "exit code 1 for a doubtful verdict too, not only for a wrong one")
 
 
 def exit_code(fit: Identification, *, strict: bool = False) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment
+from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment, add_option
 from .outputs import Saved, check_outputs
 from .terminal.messages import message
 
@@ -27,14 +27,14 @@ def add(commands: Commands) -> None:
         ),
     )
     add_experiment(parser)
-    parser.add_argument(
-        "--parameters",
-        metavar="FILE|NAME",
+    add_option(
+        parser,
+        "--parameters FILE|NAME",
+        "result of an identification (.json) or its parameters (.toml, .npz), or a parameter set of the robot file",
         required=True,
-        help="result of an identification (.json) or its parameters (.toml, .npz), or a parameter set of the robot file",
     )
-    parser.add_argument("--recording", metavar="NAME", help="recording to simulate (default: the first)")
-    parser.add_argument("-o", "--output", metavar="FILE.csv", type=Path, help="write the run as CSV")
+    add_option(parser, "--recording NAME", "recording to simulate (default: the first)")
+    add_option(parser, "-o --output FILE.csv", "write the run as CSV", Path)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment, add_report, check_report, refuse
+from .options import (
+    CONVERGED,
+    NOT_CONVERGED,
+    add_command,
+    add_experiment,
+    add_option,
+    add_report,
+    check_report,
+    refuse,
+)
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -25,18 +34,16 @@ def add(commands: Commands) -> None:
             "didim validate fit.json go2.toml --mujoco go2_fit.xml",
         ),
     )
-    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
+    add_option(parser, "fit FIT.json", "result of an identification", Path)
     add_experiment(parser)
-    parser.add_argument(
-        "--mujoco",
-        metavar="ROBOT.xml",
-        type=Path,
-        help="replay the log in MuJoCo with this file, and with the robot file: position errors by joint",
+    add_option(
+        parser,
+        "--mujoco ROBOT.xml",
+        "replay the log in MuJoCo with this file, and with the robot file: position errors by joint",
+        Path,
     )
-    parser.add_argument(
-        "--step", metavar="H", type=float, help="with --mujoco: its step (default: that of the file), s"
-    )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the errors as JSON")
+    add_option(parser, "--step H", "with --mujoco: its step (default: that of the file), s", float)
+    add_option(parser, "--json FILE", "also write the errors as JSON", Path)
     add_report(parser)
 
 

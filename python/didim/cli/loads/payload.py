@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_data
+from ..options import CONVERGED, add_command, add_data, add_option
 from ..outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -22,13 +22,11 @@ def add(commands: Commands) -> None:
         "find mass, centre and inertia of an unknown payload, with a known robot",
         ("didim payload fit.json loaded.toml",),
     )
-    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
-    parser.add_argument(
-        "log", metavar="LOG.toml", type=Path, help="experiment file of the log with the payload"
-    )
+    add_option(parser, "fit FIT.json", "result of an identification", Path)
+    add_option(parser, "log LOG.toml", "experiment file of the log with the payload", Path)
     add_data(parser)
-    parser.add_argument("--link", metavar="LINK", help="link or joint that carries it; needed for a tree")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the payload as JSON")
+    add_option(parser, "--link LINK", "link or joint that carries it; needed for a tree")
+    add_option(parser, "--json FILE", "also write the payload as JSON", Path)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_data
+from ..options import CONVERGED, add_command, add_data, add_option
 from ..outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -25,27 +25,21 @@ def add(commands: Commands) -> None:
             "didim residual fit.json log.toml -o torques.csv --plot torques.svg",
         ),
     )
-    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
-    parser.add_argument("log", metavar="LOG.toml", type=Path, help="experiment file of the log")
+    add_option(parser, "fit FIT.json", "result of an identification", Path)
+    add_option(parser, "log LOG.toml", "experiment file of the log", Path)
     add_data(parser)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the detections as JSON")
-    parser.add_argument("-o", "--output", metavar="FILE.csv", type=Path, help="also write the torques as CSV")
-    parser.add_argument(
-        "--plot", metavar="FILE.svg", type=Path, help="also draw the torques (needs didim[plot])"
+    add_option(parser, "--json FILE", "also write the detections as JSON", Path)
+    add_option(parser, "-o --output FILE.csv", "also write the torques as CSV", Path)
+    add_option(parser, "--plot FILE.svg", "also draw the torques (needs didim[plot])", Path)
+    add_option(
+        parser, "--bandwidth-hz HZ", "bandwidth of the observer (default: %(default)g)", float, default=8.0
     )
-    parser.add_argument(
-        "--bandwidth-hz",
-        metavar="HZ",
-        type=float,
-        default=8.0,
-        help="bandwidth of the observer (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--threshold",
-        metavar="SIGMA",
-        type=float,
+    add_option(
+        parser,
+        "--threshold SIGMA",
+        "standard deviations from which the observer reports (default: %(default)g)",
+        float,
         default=6.0,
-        help="standard deviations from which the observer reports (default: %(default)g)",
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..._tools.files import write_atomically
-from ..options import CONVERGED, add_chain, add_command, locked, refuse, tell
+from ..options import CONVERGED, add_chain, add_command, add_flag, add_option, locked, refuse, tell
 from ..outputs import Saved, check_outputs, refuse_existing
 from ..terminal.messages import message
 
@@ -30,15 +30,14 @@ def add(commands: Commands) -> None:
             "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
         ),
     )
-    parser.add_argument("robot", metavar="ROBOT", help="URDF, robot file, or name of a packaged robot")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="ARM.toml",
-        type=Path,
-        help="robot file to write, of a URDF or as a copy of a packaged one (default: only describe it)",
+    add_option(parser, "robot ROBOT", "URDF, robot file, or name of a packaged robot")
+    add_option(
+        parser,
+        "-o --output ARM.toml",
+        "robot file to write, of a URDF or as a copy of a packaged one (default: only describe it)",
+        Path,
     )
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_flag(parser, "--force", "overwrite an existing file")
     add_chain(parser, "the end of the only path that moves")
     parser.add_argument(
         "--gravity",
@@ -47,12 +46,12 @@ def add(commands: Commands) -> None:
         type=float,
         help="gravity in the base link, m/s^2 (default: the z axis of the root link points up)",
     )
-    parser.add_argument(
-        "--snap",
-        metavar="RAD",
-        type=float,
+    add_option(
+        parser,
+        "--snap RAD",
+        "largest angle by which rounded right angles are snapped (default: 1e-4; 0 for none)",
+        float,
         default=None,
-        help="largest angle by which rounded right angles are snapped (default: 1e-4; 0 for none)",
     )
 
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_data, tell
+from ..options import CONVERGED, add_command, add_data, add_option, tell
 from ..terminal.messages import message
 
 if TYPE_CHECKING:
@@ -32,30 +32,21 @@ def add(commands: Commands) -> None:
             "didim view motion.csv --robot ur5e",
         ),
     )
-    parser.add_argument(
-        "what",
-        metavar="ROBOT|EXPERIMENT.toml|FIT.json|MOTION.csv",
-        help="a packaged robot, robot file, URDF or MJCF; an experiment, whose log is played; a result; a motion",
+    add_option(
+        parser,
+        "what ROBOT|EXPERIMENT.toml|FIT.json|MOTION.csv",
+        "a packaged robot, robot file, URDF or MJCF; an experiment, whose log is played; a result; a motion",
     )
-    parser.add_argument(
-        "--robot", metavar="ROBOT", help="robot of a motion, or of a result whose robot file is elsewhere"
-    )
+    add_option(parser, "--robot ROBOT", "robot of a motion, or of a result whose robot file is elsewhere")
     add_data(parser)
-    parser.add_argument(
-        "--parameters",
-        metavar="FILE|NAME",
-        help="result (.json) or parameters (.toml, .npz), or a parameter set: bodies, residual and simulated motion",
+    add_option(
+        parser,
+        "--parameters FILE|NAME",
+        "result (.json) or parameters (.toml, .npz), or a parameter set: bodies, residual and simulated motion",
     )
-    parser.add_argument(
-        "--motion", metavar="FILE.csv", type=Path, help="motion to play, as didim excite writes it"
-    )
-    parser.add_argument(
-        "--meshes",
-        metavar="FOLDER",
-        type=Path,
-        action="append",
-        default=[],
-        help="folder of packages that hold meshes",
+    add_option(parser, "--motion FILE.csv", "motion to play, as didim excite writes it", Path)
+    add_option(
+        parser, "--meshes FOLDER", "folder of packages that hold meshes", Path, action="append", default=[]
     )
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to serve at (default: %(default)s, this machine only)"

@@ -14,7 +14,9 @@ from ..options import (
     INTERRUPTED,
     NOT_CONVERGED,
     add_command,
+    add_flag,
     add_format,
+    add_option,
     add_report,
     check_report,
     formatted,
@@ -41,19 +43,18 @@ STUDY_PROGRESS_S = 2.0
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(commands, "study", run, "identify many simulated logs by several methods", EXAMPLES)
-    parser.add_argument(
-        "study",
-        metavar="STUDY.toml|ROWS.jsonl",
-        type=Path,
+    add_option(
+        parser,
+        "study STUDY.toml|ROWS.jsonl",
+        "study file to run, or rows of finished studies to summarise",
+        Path,
         nargs="+",
-        help="study file to run, or rows of finished studies to summarise",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="ROWS.jsonl",
-        type=Path,
-        help="file that rows are appended to (default: beside the study); rows that it has are not made again",
+    add_option(
+        parser,
+        "-o --output ROWS.jsonl",
+        "file that rows are appended to (default: beside the study); rows that it has are not made again",
+        Path,
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -62,36 +63,25 @@ def add(commands: Commands) -> None:
         default="process",
         help="executor of the tasks on this machine (default: %(default)s)",
     )
-    where.add_argument(
-        "--dask", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://host:8786"
-    )
-    where.add_argument(
-        "--ray",
-        metavar="ADDRESS",
+    add_option(where, "--dask ADDRESS", "run on the workers of a Dask scheduler, such as tcp://host:8786")
+    add_option(
+        where,
+        "--ray ADDRESS",
+        "run on Ray: on this machine, or on the cluster at ADDRESS",
         nargs="?",
         const="",
-        help="run on Ray: on this machine, or on the cluster at ADDRESS",
     )
-    where.add_argument(
-        "--mpi",
-        action="store_true",
-        help="run on the ranks of MPI (python -m mpi4py.futures -m didim study ...)",
-    )
-    parser.add_argument("--workers", metavar="N", type=int, help="processes or threads (default: all cores)")
-    parser.add_argument(
-        "--parquet",
-        metavar="FILE.parquet",
-        type=Path,
-        help="also write the figures as Parquet (needs pyarrow)",
-    )
-    parser.add_argument(
-        "--columns",
-        metavar="NAMES",
-        help="columns of the printed table and of the report, such as rms,coverage,seconds (default: all)",
+    add_flag(where, "--mpi", "run on the ranks of MPI (python -m mpi4py.futures -m didim study ...)")
+    add_option(parser, "--workers N", "processes or threads (default: all cores)", int)
+    add_option(parser, "--parquet FILE.parquet", "also write the figures as Parquet (needs pyarrow)", Path)
+    add_option(
+        parser,
+        "--columns NAMES",
+        "columns of the printed table and of the report, such as rms,coverage,seconds (default: all)",
     )
     add_format(parser)
     add_report(parser)
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_flag(parser, "--quiet", "no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command
+from ..options import CONVERGED, add_command, add_option
 from .guide import command_sentences
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
         ),
     )
     parser.set_defaults(commands=commands)
-    parser.add_argument("shell", metavar="SHELL", choices=tuple(SCRIPTS), help="bash, zsh or fish")
+    add_option(parser, "shell SHELL", "bash, zsh or fish", choices=tuple(SCRIPTS))
 
 
 def run(options: argparse.Namespace) -> int:
