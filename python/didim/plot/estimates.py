@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ from .style import (
     MARKERS,
     RESIDUAL,
     WIDTH_IN,
+    Axes,
+    Figure,
     legend_above,
     new_figure,
     plain_numbers,
@@ -28,13 +30,6 @@ from .style import (
     shade_rows,
     styled,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Axes = Figure = Any
-
 
 ROWS_PER_COLUMN = 20
 """Largest number of parameters in one column of the figure."""

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..excitation.design import Excitation
 from ..model.dynamics import inverse_dynamics
 from ..model.kinematics import frames
-from .style import FAINT, MODEL, RESIDUAL, legend_above, line, new_figure, per_row, styled, units
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import FAINT, MODEL, RESIDUAL, Figure, legend_above, line, new_figure, per_row, styled, units
 
 MOST_POSES = 60
 """Largest number of poses in the picture of the swept space."""

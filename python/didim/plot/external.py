@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from ..studies.loads.residual import Residual
-from .style import FAINT, MODEL, RESIDUAL, line, new_figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Figure = Any
+from .style import FAINT, MODEL, RESIDUAL, Figure, line, new_figure, styled
 
 PANEL_IN = 1.5
 """Height of a joint's panel (inches)."""

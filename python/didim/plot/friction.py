@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..studies.friction_curve import friction_curves
-from .style import MEASURED, MODEL, new_figure, per_row, styled, units
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Figure = Any
+from .style import MEASURED, MODEL, Figure, new_figure, per_row, styled, units
 
 PANELS_PER_ROW = 3
 """Number of panels side by side."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from .style import (
     MEASURED,
     MODEL,
     RESIDUAL,
+    Figure,
     line,
     new_figure,
     panel_pairs,
@@ -27,12 +28,6 @@ from .style import (
     styled,
     units,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Figure = Any
-
 
 Pieces = list[tuple[Array, Array, Array]]
 """Instants (n,), measured and modelled values (n, n_dof) of each window."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +19,8 @@ from .style import (
     MEASURED,
     MODEL,
     RESIDUAL,
+    Axes,
+    Figure,
     legend_above,
     line,
     new_figure,
@@ -29,12 +30,6 @@ from .style import (
     styled,
     units,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Axes = Figure = Any
 
 PANELS_PER_ROW = 3
 """Number of panels side by side."""

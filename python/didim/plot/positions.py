@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..experiment.experiment import Experiment
 from ..methods.positions.replay import Replay, replayed, rms_error
 from ..result.identification import Identification
-from .style import FAINT, MEASURED, MODEL, line, new_figure, per_row, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Figure = Any
+from .style import FAINT, MEASURED, MODEL, Figure, line, new_figure, per_row, styled
 
 PANEL_IN = 1.9
 """Height of a panel (inches)."""

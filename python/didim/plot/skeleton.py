@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,13 +11,7 @@ from .._tools.arrays import Array, real_array
 from ..errors import PlotError
 from ..model.kinematics import frames
 from ..robot.robot import Robot
-from .style import FAINT, MODEL, RESIDUAL, new_figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Figure = Any
-
+from .style import FAINT, MODEL, RESIDUAL, Figure, new_figure, styled
 
 AXIS_SHARE = 0.13
 """Length of a drawn joint axis, as a share of the picture."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +12,7 @@ from .._tools.arrays import Array
 from ..errors import PlotError
 from ..monte_carlo.figures import Estimate, Figures
 from ..monte_carlo.results import StudyResults
-from .style import CYCLE, FAINT, MARKERS, new_figure, per_row, plain_ticks, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-else:  # matplotlib is optional, and slow to load
-    Axes = Figure = Any
+from .style import CYCLE, FAINT, MARKERS, Axes, Figure, new_figure, per_row, plain_ticks, styled
 
 MOST_PANELS = 12
 """Largest number of panels of a figure."""

@@ -15,9 +15,9 @@ from .._tools.plugins import optional
 from ..errors import PlotError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.axis import Axis as Axis
+    from matplotlib.figure import Figure as Figure
 else:  # matplotlib is optional, and slow to load
     Axes = Axis = Figure = Any
 
