@@ -11,9 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from ._tools.arrays import relative_percent
 from .errors import FitError
 from .methods.table import title_of
 from .monte_carlo.results import StudyResults
@@ -85,27 +83,12 @@ def render(result: Result, form: str = "text") -> str:
 def _identification(fit: Identification, form: str) -> str:
     if form == "csv":
         known = fit.std.any()
-        rows: list[Sequence[str]] = [
-            ("name", "unit", "value", "std", "relative_std_percent", "low", "high", "std_white", "role")
-        ]
-        values = [
-            *zip(
-                fit.names,
-                fit.units,
-                fit.beta,
-                fit.roles,
-                fit.std,
-                fit.relative_std_percent,
-                *fit.confidence_interval(),
-                fit.std_white,
-                strict=True,
-            ),
-            *_further_values(fit),
-        ]
-        for name, unit, value, role, *sigmas in values:
-            silent = role == "estimated" and not known
-            cells = [""] * len(sigmas) if silent else list(map(_exact, sigmas))
-            rows.append((name, unit, _exact(value), *cells, role))
+        keys = ("std", "relative_std_percent", "low", "high", "std_white")
+        rows: list[Sequence[str]] = [("name", "unit", "value", *keys, "role")]
+        for row in fit.value_rows():
+            silent = row["role"] == "estimated" and not known
+            sigmas = ("" if silent else _exact(row[key]) for key in keys)
+            rows.append((row["name"], row["unit"], _exact(row["value"]), *sigmas, row["role"]))
         return _csv(rows)
     head, *body = fit.parameter_rows()
     columns = (*head[:-1], "remark")
@@ -134,18 +117,6 @@ def _identification(fit: Identification, form: str) -> str:
             *map(_escaped, notes),
         ]
     )
-
-
-def _further_values(fit: Identification) -> list[tuple[Any, ...]]:
-    """Return name, unit, value, role and standard deviations of the parameters of single logs, for CSV."""
-    found = fit.further
-    if found is None:
-        return []
-    half = fit.interval_factor() * found.std
-    percents = relative_percent(found.std, found.values)
-    roles = ("estimated",) * len(found.values)
-    columns = (found.std, percents, found.values - half, found.values + half, found.std_white)
-    return list(zip(found.names, found.units, found.values, roles, *columns, strict=True))
 
 
 def _comparison(comparison: Comparison, form: str) -> str:
@@ -209,9 +180,9 @@ def _percent(percent: float) -> str:
     return f">{LARGEST_PERCENT}" if percent > LARGEST_PERCENT else f"{percent:.3g}"
 
 
-def _exact(value: float) -> str:
+def _exact(value: float | None) -> str:
     """Return the shortest text that reads back as the same number; empty for a missing one."""
-    return repr(float(value)) if math.isfinite(value) else ""
+    return repr(float(value)) if value is not None and math.isfinite(value) else ""
 
 
 def _csv(rows: Sequence[Sequence[str]]) -> str:

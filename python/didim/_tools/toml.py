@@ -88,6 +88,11 @@ def quoted(value: object) -> str:
     return text
 
 
+def toml_key(name: str) -> str:
+    """Return a name as a TOML key, quoted where needed."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
 class Table:
     """Strict reader of one TOML table.
 

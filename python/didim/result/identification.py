@@ -18,7 +18,7 @@ from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, rows,
 from .._tools.words import counted
 from ..errors import FitError
 from ..regression.selection import Role
-from ..robot.parameter_file import Estimates, write_parameters
+from ..robot.parameter_file import write_parameters
 from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
 from .finding import Finding
@@ -349,19 +349,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     def save_parameters(self, path: str | Path) -> None:
         """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
-        estimates = Estimates(
-            title=f"{self.name}: base parameters of robot {self.robot} by {self.method}. {self.conclusion}",
-            comments=self.warnings,
-            names=self.names,
-            units=self.units,
-            roles=self.roles,
-            beta=self.beta,
-            std=self.std,
-            covariance=self.covariance,
-            parameter_names=self.parameter_names,
-            parameters=self.parameters,
-        )
-        write_parameters(estimates, path, self.digests.values())
+        write_parameters(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> Identification:

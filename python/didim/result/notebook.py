@@ -18,6 +18,7 @@ class _Result(Protocol):
     def error_rows(self) -> list[tuple[str, ...]]: ...
     def to_dict(self) -> dict[str, Any]: ...
     def lines_after_tables(self) -> list[str]: ...
+    def value_rows(self) -> list[dict[str, Any]]: ...
 
 
 class InNotebook:
@@ -27,6 +28,11 @@ class InNotebook:
         title = str(self).partition("\n")[0]
         after = "\n".join(self.lines_after_tables())
         return page(title, self.parameter_rows(), self.error_rows(), after.strip("\n"))
+
+    def value_rows(self: _Result) -> list[dict[str, Any]]:
+        """Return a row of each parameter by the columns of `to_dataframe`, its ``name`` the first."""
+        rows = [{**row, "group": "robot"} for row in self.to_dict()["parameters"]]
+        return rows + ([] if self.further is None else self.further.rows(self.interval_factor()))
 
     def to_dataframe(self: _Result) -> Any:
         """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.
@@ -44,7 +50,6 @@ class InNotebook:
         DidimError
             Without pandas (``tests/test_notebook.py``).
         """
-        module = pandas()
-        rows = [{**row, "group": "robot"} for row in self.to_dict()["parameters"]]
-        rows += [] if self.further is None else self.further.rows(self.interval_factor())
-        return module.DataFrame(rows).rename(columns={"name": "parameter"}).set_index("parameter")
+        return (
+            pandas().DataFrame(self.value_rows()).rename(columns={"name": "parameter"}).set_index("parameter")
+        )

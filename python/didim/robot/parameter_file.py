@@ -9,10 +9,9 @@ TOML is a parameter set as a robot file has it; npz has the covariance too. Test
 from __future__ import annotations
 
 import io
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
 from .._tools.inputs import open_npz, read_file
 from .._tools.saved import read_saved
-from .._tools.toml import Table, quoted, read_toml
+from .._tools.toml import Table, read_toml, toml_key
 from .._tools.words import counted, listing, one_line
 from ..errors import FitError
 from .robot import Robot
@@ -41,54 +40,18 @@ def check_path(path: Path) -> None:
         raise FitError(f"a file of parameters ends in {' or '.join(SUFFIXES)}, and '{path.name}' does not")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Estimates:
-    """Numbers of a result for a parameter file; SI units, joint side.
-
-    Attributes
-    ----------
-    title : str
-        Description and origin of the numbers, for a comment.
-    comments : tuple of str
-        Further comments.
-    names, units, roles : tuple of str
-        Of the base parameters.
-    beta, std : (b,) arrays
-        Base parameters and their standard deviations; all zero where these are unknown.
-    covariance : (b, b) array
-        Covariance of beta.
-    parameter_names : tuple of str
-        Of the standard parameters.
-    parameters : (p,) array
-        Standard parameters.
-    """
-
-    title: str
-    comments: tuple[str, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    roles: tuple[str, ...]
-    beta: Array
-    std: Array
-    covariance: Array
-    parameter_names: tuple[str, ...]
-    parameters: Array
-
-
-def write_parameters(estimates: Estimates, path: str | Path, made_of: Iterable[str] = ()) -> None:
-    """Write the parameters of a result, whole or not at all.
+def write_parameters(fit: Any, path: str | Path) -> None:
+    """Write the parameters of a result, whole or not at all; its input files are never overwritten.
 
     Parameters
     ----------
-    estimates : Estimates
-        Numbers of any result.
+    fit : Identification
+        Any result; its class is above this module.
     path : str or Path
         ``.toml``: a set named after the file with the base parameters (all standard parameters of a physically consistent
         result) and their standard deviations in comments; it can be pasted into the robot file. ``.npz``: ``names``, ``units``,
         ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and the standard parameters as ``parameter_names`` and
         ``parameters`` (p,). SI units, joint side.
-    made_of : iterable of str
-        SHA-256 of the result's input files, which are never overwritten.
 
     Raises
     ------
@@ -99,8 +62,8 @@ def write_parameters(estimates: Estimates, path: str | Path, made_of: Iterable[s
     """
     path = Path(path)
     check_path(path)
-    content = _toml(estimates, path.stem) if path.suffix == ".toml" else _npz(estimates)
-    write_atomically(path, content, made_of)
+    content = _toml(fit, path.stem) if path.suffix == ".toml" else _npz(fit)
+    write_atomically(path, content, fit.digests.values())
 
 
 def load_parameters(robot: Robot, path: str | Path) -> Array:
@@ -150,11 +113,11 @@ def is_file(source: str) -> bool:
     return source.endswith((*SUFFIXES, ".json"))
 
 
-def _toml(fit: Estimates, name: str) -> str:
-    key = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+def _toml(fit: Any, name: str) -> str:
     known = bool(fit.std.any())
-    lines = [f"# {one_line(text)}" for text in (fit.title, *fit.comments)]
-    lines += ["# SI units, joint side.", f"[parameters.{key}]"]
+    title = f"{fit.name}: base parameters of robot {fit.robot} by {fit.method}. {fit.conclusion}"
+    lines = [f"# {one_line(text)}" for text in (title, *fit.warnings)]
+    lines += ["# SI units, joint side.", f"[parameters.{toml_key(name)}]"]
     percents = relative_percent(fit.std, fit.beta)
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
     # A consistent result writes all standard parameters; the base parameters are then comments.
@@ -163,19 +126,15 @@ def _toml(fit: Estimates, name: str) -> str:
     for parameter, unit, role, value, std, percent in values:
         sigma = f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
         lines.append(
-            f"{mark}{_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
+            f"{mark}{toml_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
         )
     if whole:
         standard = zip(fit.parameter_names, fit.parameters, strict=True)
-        lines += [f"{_key(parameter)} = {float(value)!r}" for parameter, value in standard]
+        lines += [f"{toml_key(parameter)} = {float(value)!r}" for parameter, value in standard]
     return "\n".join(lines) + "\n"
 
 
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
-
-
-def _npz(fit: Estimates) -> bytes:
+def _npz(fit: Any) -> bytes:
     content = io.BytesIO()
     np.savez(
         content,

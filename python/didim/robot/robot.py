@@ -101,10 +101,29 @@ class Geometry:
         """Antecedent of each joint, from 0; None for the base."""
         return tuple(mount.parent for mount in self.mounts) or in_line(len(self.kinds))
 
-    @property
-    def core_mounts(self) -> list[tuple[int | None, float, float, tuple[float, float, float]]] | None:
-        """The mounts in the format of the core; None for a chain."""
-        return [(mount.parent, mount.gamma, mount.b, mount.shift) for mount in self.mounts] or None
+    def core(self, friction: Friction) -> _core.Robot:
+        """Return the robot of the numerical core."""
+        driven = self.kinds[: self.n_driven]
+        return _core.Robot(
+            kind=[0 if kind == "revolute" else 1 for kind in self.kinds],
+            alpha=list(self.alpha),
+            d=list(self.d),
+            theta=list(self.theta),
+            r=list(self.r),
+            gravity=list(self.gravity),
+            transmission=[list(row) for row in self.coupling],
+            asymmetric=friction.model == "asymmetric",
+            printed_coupling=friction.coupling == "printed",
+            smoothing=list(friction.smoothing if friction.coulomb == "tanh" else (0.0,) * len(driven)),
+            dead_zone=list(friction.dead_zone),
+            held=[
+                HOLD_WIDTH[kind] if joint in friction.held and not self.followers else 0.0
+                for joint, kind in enumerate(driven)
+            ],
+            terms=[_core_term(term) for term in friction.terms if term.law != "hold"],
+            mounts=[(mount.parent, mount.gamma, mount.b, mount.shift) for mount in self.mounts] or None,
+            followers=[(list(follower.leaders), follower.offset) for follower in self.followers],
+        )
 
     @property
     def in_line(self) -> bool:
@@ -202,29 +221,8 @@ class Robot(Pickled):
     @cached_property
     def core(self) -> _core.Robot:
         """The robot of the numerical core."""
-        geometry, friction = self.geometry, self.friction
-        smoothing = friction.smoothing if friction.coulomb == "tanh" else (0.0,) * self.n_dof
         try:
-            return _core.Robot(
-                kind=[0 if kind == "revolute" else 1 for kind in geometry.kinds],
-                alpha=list(geometry.alpha),
-                d=list(geometry.d),
-                theta=list(geometry.theta),
-                r=list(geometry.r),
-                gravity=list(geometry.gravity),
-                transmission=[list(row) for row in geometry.coupling],
-                asymmetric=friction.model == "asymmetric",
-                printed_coupling=friction.coupling == "printed",
-                smoothing=list(smoothing),
-                dead_zone=list(friction.dead_zone),
-                held=[
-                    HOLD_WIDTH[kind] if joint in friction.held and not geometry.followers else 0.0
-                    for joint, kind in enumerate(self.joint_kinds)
-                ],
-                terms=[_core_term(term) for term in friction.terms if term.law != "hold"],
-                mounts=geometry.core_mounts,
-                followers=[(list(follower.leaders), follower.offset) for follower in geometry.followers],
-            )
+            return self.geometry.core(self.friction)
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
 

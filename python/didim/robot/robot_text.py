@@ -6,10 +6,9 @@ Tested in ``tests/test_urdf.py``.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 
-from .._tools.toml import quoted
+from .._tools.toml import quoted, toml_key
 from .correspondence import Correspondence, Pose
 from .friction import (
     CYLINDER,
@@ -84,10 +83,10 @@ def robot_text(robot: Robot) -> str:
             f"radius_m = {_number(capsule.radius)}",
         ]
     for name, values in robot._named.items():
-        lines += ["", f"[parameters.{_key(name)}]"]
+        lines += ["", f"[parameters.{toml_key(name)}]"]
         if name in robot._own:
             lines.append('frames = "own"')
-        lines += [f"{_key(parameter)} = {_number(value)}" for parameter, value in values.items()]
+        lines += [f"{toml_key(parameter)} = {_number(value)}" for parameter, value in values.items()]
     if robot.correspondence is not None:
         lines += _urdf(robot.correspondence)
     return "\n".join(lines) + "\n"
@@ -231,7 +230,7 @@ def _urdf(places: Correspondence) -> list[str]:
         f"tip = {quoted(places.tip)}",
     ]
     if places.lock:
-        pairs = ", ".join(f"{_key(name)} = {_number(value)}" for name, value in places.lock)
+        pairs = ", ".join(f"{toml_key(name)} = {_number(value)}" for name, value in places.lock)
         lines.append(f"lock = {{ {pairs} }}")
     if places.snapped_rad:
         lines.append(f"snapped_rad = {_number(places.snapped_rad)}")
@@ -269,10 +268,6 @@ def _matrix(rows: Sequence[Sequence[float]]) -> str:
 
 def _pose(rows: Pose) -> str:
     return f"[{', '.join(map(_numbers, rows))}]"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
 
 
 def _comment(text: str) -> str:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ LENGTH_ROUNDING = 1e-10
 """Length (m) below which a distance is zero: the rounded numbers of a file separate axes that meet."""
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One row of the table: rad and m."""
 
     alpha: float
@@ -77,7 +77,7 @@ def common_normals(origins: Sequence[Array], axes: Sequence[Array]) -> MdhTable:
     link_poses = []
     frame = frames[0]
     for row, link in zip(rows, links, strict=True):
-        frame = frame @ mdh_pose(row.alpha, row.d, row.theta, row.r)
+        frame = frame @ mdh_pose(*row)
         link_poses.append(inverse(frame) @ link)
     return MdhTable(tuple(rows), frames[0], tuple(link_poses))
 

@@ -109,13 +109,13 @@ class UrdfJoint:
     child: str
     origin: Array
     axis: Array
-    lower: float | None
-    upper: float | None
-    velocity: float | None
-    effort: float | None
-    damping: float
-    friction: float
-    mimic: str | None
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    mimic: str | None = None
     multiplier: float = 1.0
     offset: float = 0.0
     armature: float = 0.0

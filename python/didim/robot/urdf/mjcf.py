@@ -26,7 +26,7 @@ from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softne
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
 from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied, world_notes
-from .solids import solid_inertial
+from .solids import along, direction_of, solid_inertial
 from .xml_spans import Element, parse_xml
 
 WORLD = "world"
@@ -93,7 +93,7 @@ class Reader:
             return _of_quaternion(self.numbers(element, attributes, "quat", 1.0, 0.0, 0.0, 0.0))
         if "axisangle" in attributes:
             four = self.numbers(element, attributes, "axisangle", 0.0, 0.0, 1.0, 0.0)
-            return turn(_unit(four[:3]), self.angle(float(four[3])))
+            return turn(direction_of(four[:3]), self.angle(float(four[3])))
         if "euler" in attributes:
             rotation = np.eye(3)
             angles = self.numbers(element, attributes, "euler", 0.0, 0.0, 0.0)
@@ -103,15 +103,11 @@ class Reader:
             return rotation
         if "xyaxes" in attributes:
             six = self.numbers(element, attributes, "xyaxes", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-            x = _unit(six[:3])
-            y = _unit(six[3:] - (six[3:] @ x) * x)
+            x = direction_of(six[:3])
+            y = direction_of(six[3:] - (six[3:] @ x) * x)
             return np.column_stack([x, y, np.cross(x, y)])
         if "zaxis" in attributes:
-            z = _unit(self.numbers(element, attributes, "zaxis", 0.0, 0.0, 1.0))
-            across = np.array([-z[1], z[0], 0.0])
-            size = float(np.linalg.norm(across))
-            axis = across / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
-            return turn(axis, math.atan2(size, float(z[2])))
+            return along(direction_of(self.numbers(element, attributes, "zaxis", 0.0, 0.0, 1.0)))
         return np.eye(3)
 
     def walk(self, parent: Element, link: str, before: Array, childclass: str) -> None:
@@ -195,14 +191,11 @@ class Reader:
             parent="",
             child="",
             origin=np.eye(4),
-            axis=_unit(self.numbers(element, given, "axis", 0.0, 0.0, 1.0)),
+            axis=direction_of(self.numbers(element, given, "axis", 0.0, 0.0, 1.0)),
             lower=float(low) if bounded else None,
             upper=float(high) if bounded else None,
-            velocity=None,
-            effort=None,
             damping=number_of("damping"),
             friction=number_of("frictionloss"),
-            mimic=None,
             armature=number_of("armature"),
             stiffness=number_of("stiffness"),
             rest=scale * number_of("springref"),
@@ -385,21 +378,7 @@ def _beyond(text: str) -> bool:
 
 
 def _fixed(name: str) -> UrdfJoint:
-    return UrdfJoint(
-        name=name,
-        kind="fixed",
-        parent="",
-        child="",
-        origin=np.eye(4),
-        axis=np.array([0.0, 0.0, 1.0]),
-        lower=None,
-        upper=None,
-        velocity=None,
-        effort=None,
-        damping=0.0,
-        friction=0.0,
-        mimic=None,
-    )
+    return UrdfJoint(name, "fixed", "", "", origin=np.eye(4), axis=np.array([0.0, 0.0, 1.0]))
 
 
 def _to_zero(joint: UrdfJoint) -> Array:
@@ -434,13 +413,8 @@ def _scaled(links: Mapping[str, Inertial | None], mass: float) -> dict[str, Iner
     }
 
 
-def _unit(vector: Array) -> Array:
-    length = float(np.linalg.norm(vector))
-    return np.asarray(vector / length) if length > 0.0 else np.array([0.0, 0.0, 1.0])
-
-
 def _of_quaternion(values: Array) -> Array:
-    w, x, y, z = _unit(values)
+    w, x, y, z = direction_of(values)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -257,19 +257,18 @@ def _cure(angle: float) -> str:
 
 
 def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
-    rows = table.rows
-    n = len(rows)
+    alpha, d, theta, r = zip(*table.rows, strict=True)
     gravity = table.frame_0[:3, :3].T @ down
     # Gravity nearly along an axis is meant to be along it.
     gravity[np.abs(gravity) < 1e-12 * np.linalg.norm(gravity)] = 0.0
     return Geometry(
         kinds=tuple("prismatic" if joint.kind == "prismatic" else "revolute" for joint in chain.joints),
-        alpha=tuple(row.alpha for row in rows),
-        d=tuple(row.d for row in rows),
-        theta=tuple(row.theta for row in rows),
-        r=tuple(row.r for row in rows),
+        alpha=alpha,
+        d=d,
+        theta=theta,
+        r=r,
         gravity=tuple(float(value) for value in gravity),
-        coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+        coupling=tuple(tuple(row) for row in np.eye(len(alpha)).tolist()),
         mounts=table.mounts,
     )
 
@@ -409,22 +408,10 @@ def _self_test(
             inertial = body.inertial
             pseudo = body_pseudo_inertia(inertial.mass, inertial.inertia, pose @ body.pose @ inertial.frame)
             x[14 * j : 14 * j + len(INERTIAL)] += ten_parameters(pseudo)
-    core = _core.Robot(
-        kind=[0 if kind == "revolute" else 1 for kind in geometry.kinds],
-        alpha=list(geometry.alpha),
-        d=list(geometry.d),
-        theta=list(geometry.theta),
-        r=list(geometry.r),
-        gravity=list(geometry.gravity),
-        transmission=np.eye(n).tolist(),
-        asymmetric=False,
-        printed_coupling=False,
-        smoothing=[0.0] * n,
-        dead_zone=[0.0] * n,
-        held=[0.0] * n,
-        mounts=geometry.core_mounts,
+    without_friction = Friction(
+        model="symmetric", coulomb="sign", coupling="shaft", smoothing=(0.0,) * n, dead_zone=(0.0,) * n
     )
-    tau = _core.inverse_dynamics(core, states.q, states.dq, states.ddq, x)
+    tau = _core.inverse_dynamics(geometry.core(without_friction), states.q, states.dq, states.ddq, x)
     differences = []
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)

@@ -54,7 +54,7 @@ def solid_inertial(given: Mapping[str, str], frame: Array, where: str) -> Inerti
         half = 0.5 * float(np.linalg.norm(end - start))
         radii = size[:1] if kind in ("capsule", "cylinder") else size[:1] * 2
         size = [*radii, half]
-        frame = pose(_along(end - start), 0.5 * (start + end))
+        frame = pose(along(direction_of(end - start)), 0.5 * (start + end))
     if len(size) < SIZES[kind] or not all(length > 0.0 for length in size[: SIZES[kind]]):
         raise RobotError(f"{where} the size of a {kind} must be {SIZES[kind]} positive numbers")
     volume, unit = _unit_inertia(kind, size)
@@ -83,10 +83,14 @@ def _unit_inertia(kind: str, size: list[float]) -> tuple[float, Array]:
     return whole, np.array([total_across, total_across, cylinder * along + ball * of_ball]) / whole
 
 
-def _along(direction: Array) -> Array:
-    """Return a rotation (3, 3) that maps z to a direction."""
-    length = float(np.linalg.norm(direction))
-    z = direction / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+def direction_of(vector: Array) -> Array:
+    """Return the direction of a vector: that of z for one without length."""
+    length = float(np.linalg.norm(vector))
+    return np.asarray(vector / length) if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def along(z: Array) -> Array:
+    """Return a rotation (3, 3) that maps z to a unit vector."""
     across = np.array([-z[1], z[0], 0.0])
     size = float(np.linalg.norm(across))
     axis = across / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
