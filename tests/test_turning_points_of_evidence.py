@@ -161,7 +161,7 @@ def test_a_gain_that_differs(factor: float, sigma: float, told: int) -> None:
     rows = stub(
         columns=lambda: np.ones((1, 5, 1)),
         reduced=lambda signals: np.zeros((5, 1)),
-        fed_forward=lambda: [],
+        forward=[],
         error=lambda torque: torque,
         controller=stub(kind="pd"),
     )

@@ -274,6 +274,14 @@ class Controller(Pickled, Brief):
         made.core  # noqa: B018 - a wrong one must fail here
         return made
 
+    def fed_forward(self, times: Array) -> Array:
+        """Return the feed-forward torque at times, (n_times, n_dof); zero without one."""
+        if self.feedforward is None:
+            return np.zeros((len(times), self.n_dof))
+        rate, values = self.feedforward
+        clock = np.arange(len(values)) / rate
+        return np.column_stack([np.interp(times, clock, column) for column in values.T])
+
     def of_joints(self, joints: Sequence[int]) -> Controller:
         """Return the laws of some joints, from 0."""
         at, digital, forward = list(joints), self.digital, self.feedforward

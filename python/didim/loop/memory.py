@@ -185,7 +185,7 @@ def memory_of_log(
         first_dq = differences[0] * begin_q + differences[1:] @ (begin_q + back)[::-1]
     p, d, i, a, w, by_position, by_velocity = controller.laws.T
     gain = controller.gain
-    fed = _fed_forward(controller, times) / gain
+    fed = controller.fed_forward(times) / gain
     e, v = q_ref - here, w * dq_ref - velocity
     growth = by_position * e + by_velocity * v
     added = period * (growth[:-1] if digital is not None else 0.5 * (growth[1:] + growth[:-1]))
@@ -211,12 +211,3 @@ def remembers(controller: Controller) -> bool:
     """Return whether a controller has an initial state: an integrator, or delayed outputs."""
     late = controller.digital is not None and controller.digital.delay_samples > 0
     return late or bool(np.any(controller.laws[:, 2] != 0.0))
-
-
-def _fed_forward(controller: Controller, times: Array) -> Array:
-    """Return the feed-forward torque at times, (n_times, n_dof)."""
-    if controller.feedforward is None:
-        return np.zeros((len(times), controller.n_dof))
-    rate, values = controller.feedforward
-    clock = np.arange(len(values)) / rate
-    return np.column_stack([np.interp(times, clock, column) for column in values.T])

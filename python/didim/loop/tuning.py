@@ -16,8 +16,21 @@ DAMPING = 1.4
 
 def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:
     """Mean of ``diag M(q)`` along a reference, (n_dof,): the representative inertia ``J`` of gain updating (findings, 6)."""
-    q, _, _ = reference.at(np.linspace(0.0, reference.duration, 1001))
+    return mean_diagonal(robot, x, reference.at(np.linspace(0.0, reference.duration, 1001))[0])
+
+
+def mean_diagonal(robot: Robot, x: Array, q: Array) -> Array:
+    """Mean of ``diag M(q)`` over positions (n, n_dof), (n_dof,)."""
     return np.asarray(np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0))
+
+
+def largest_coulomb(robot: Robot, x: Array) -> Array:
+    """Largest Coulomb friction of each joint, (n_dof,): that of a drive may differ by direction."""
+    coulomb = np.zeros(robot.n_dof)
+    for parameter, value in zip(robot.standard_parameters, x, strict=True):
+        if parameter.kind == "Fc":
+            coulomb[parameter.joint] = max(coulomb[parameter.joint], abs(float(value)))
+    return coulomb
 
 
 def made_up(
@@ -42,10 +55,6 @@ def made_up(
     error : float
         Position error (rad or m) at which the controller's torque equals the Coulomb friction.
     """
-    inertia = np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0)
-    coulomb = np.zeros(robot.n_dof)
-    for parameter, value in zip(robot.standard_parameters, x, strict=True):
-        if parameter.kind == "Fc":
-            coulomb[parameter.joint] = max(coulomb[parameter.joint], abs(float(value)))
-    kp = np.maximum(inertia * (2.0 * np.pi * frequency_hz) ** 2, coulomb / error)
+    inertia = mean_diagonal(robot, x, q)
+    kp = np.maximum(inertia * (2.0 * np.pi * frequency_hz) ** 2, largest_coulomb(robot, x) / error)
     return Controller.pd(kp, DAMPING * np.sqrt(kp * inertia))

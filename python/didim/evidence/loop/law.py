@@ -120,7 +120,7 @@ def recovered(experiment: Experiment) -> Recovered | None:
         return None
     columns = rows.columns()
     n_terms, n_rows, n = columns.shape
-    forward = rows.reduced(rows.fed_forward())
+    forward = rows.reduced(rows.forward)
     factors, sigmas = np.ones((n_terms, n)), np.full((n_terms, n), np.inf)
     for joint in range(n):
         a = columns[:, :, joint].T - columns[:, :, joint].mean(axis=1)
@@ -225,7 +225,7 @@ def _laws(recovery: Recovered, experiment: Experiment, off: list[int], x: Array 
 
 def _gains(recovery: Recovered, off: list[int]) -> Law:
     rows = recovery.rows
-    torque = np.einsum("kj,krj->rj", recovery.factors, rows.columns()) + rows.reduced(rows.fed_forward())
+    torque = np.einsum("kj,krj->rj", recovery.factors, rows.columns()) + rows.reduced(rows.forward)
     parts: list[dict[str, Any]] = []
     joints: set[int] = set()
     names, factors, sigmas = recovery.keys()

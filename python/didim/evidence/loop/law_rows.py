@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -86,6 +87,8 @@ class LawRows:
         Their norms.
     names : tuple of str
         Terms of the law that are not zero.
+    forward : list of (n, n_dof) array
+        Torque that the declared controller feeds forward along each stretch.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -99,7 +102,7 @@ class LawRows:
         names = ("kp", "kv", "ki", "acceleration")
         self.names = tuple(name for k, name in enumerate(names) if laws[:, k].any())
         self._columns = [k for k in range(4) if laws[:, k].any()]
-        self._forward: list[Array] | None = None
+        self.forward = [self.controller.fed_forward(stretch.t) for stretch in self.stretches]
 
     @property
     def declared_lag_s(self) -> float:
@@ -144,50 +147,18 @@ class LawRows:
             terms_of_law.append(terms if late == 0.0 else _shifted(terms, stretch.t, late))
         return terms_of_law
 
-    def fed_forward(self) -> list[Array]:
-        """Torque that the declared controller feeds forward along each stretch, (n, n_dof)."""
-        if self._forward is not None:
-            return self._forward
-        declared = self.controller.feedforward
-        torques = []
-        for stretch in self.stretches:
-            if declared is None:
-                torques.append(np.zeros_like(stretch.tau))
-                continue
-            rate, values = declared
-            clock = np.arange(len(values)) / rate
-            torques.append(np.column_stack([np.interp(stretch.t, clock, column) for column in values.T]))
-        self._forward = torques
-        return torques
+    def law(self, limit: Array | None = None, **late: Any) -> Array:
+        """Torque of the law on the rows, (n_rows, n_dof), see `torques`."""
+        return self.reduced(self.torques(limit, **late))
 
-    def law(
-        self,
-        lag_s: float = 0.0,
-        lead_s: float = 0.0,
-        limit: Array | None = None,
-        *,
-        differences: bool = False,
-    ) -> Array:
-        """Torque of the law on the rows, (n_rows, n_dof), at most as large as a limit, (n_dof,)."""
-        return self.reduced(self.torques(lag_s, lead_s, limit, differences=differences))
-
-    def torques(
-        self,
-        lag_s: float = 0.0,
-        lead_s: float = 0.0,
-        limit: Array | None = None,
-        *,
-        differences: bool = False,
-    ) -> list[Array]:
-        """Torque of the law along each stretch, (n, n_dof), at most as large as a limit, (n_dof,)."""
+    def torques(self, limit: Array | None = None, **late: Any) -> list[Array]:
+        """Torque of the law along each stretch, (n, n_dof), at most as large as a limit, (n_dof,); `late` as in `terms`."""
         largest = np.abs(self.controller.gain) * self.controller.saturation
         if limit is not None:
             largest = np.minimum(largest, limit)
         return [
             np.clip(terms.sum(axis=0) + forward, -largest, largest)
-            for terms, forward in zip(
-                self.terms(lag_s, lead_s, differences=differences), self.fed_forward(), strict=True
-            )
+            for terms, forward in zip(self.terms(**late), self.forward, strict=True)
         ]
 
     def columns(self) -> Array:

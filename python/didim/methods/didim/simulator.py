@@ -15,7 +15,7 @@ from ...errors import DidimError
 from ...evidence.naming import torque_findings
 from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
-from ...model.dynamics import inertia_matrix
+from ...loop.tuning import mean_diagonal
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Reporter
@@ -156,8 +156,7 @@ class LogSimulator:
     def _inertias(self, x: Array, q: Array) -> Array:
         """Return the mean diagonal of M(q), (n_dof,)."""
         robot = self.job.robot
-        masses = inertia_matrix(robot, q, x[: len(robot.parameter_names)])
-        return np.asarray(np.diagonal(masses, axis1=1, axis2=2).mean(axis=0))
+        return mean_diagonal(robot, x[: len(robot.parameter_names)], q)
 
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate with the settings of the method.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, true_ranges
 from ...errors import FitError
 from ...model.dynamics import gravity, inertia_matrix
 from ...model.limbs import Limb
@@ -141,7 +141,7 @@ def _held(
         if near.any():  # it does end there, so each touch of it counts
             held |= side * q > min(end, float(np.median(side * q[near]))) - noise
         last = 0
-        for a, b in _runs(held):
+        for a, b in true_ranges(held):
             if b <= last:
                 continue
             level = float(np.min(side * q[a:b])) - noise
@@ -162,11 +162,6 @@ def _pulled(q: Array, pull: Array, count: int, least: float) -> NDArray[np.bool_
     for k in np.flatnonzero((lasting > least) & (q[count:] - q[:-count] < FOLLOWS * lasting)):
         held[k : k + count + 1] = True
     return held
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def pushed_stretches(
@@ -208,7 +203,9 @@ def pushed_stretches(
         share[one < NOISY * quiet] = 0.0
         # The blocks beside one have the ends of a push, and what it leaves.
         wide = np.convolve(share > limit, [1, 1, 1])[1:-1] > 0
-        stretches.append([(b * size, len(rows) if c == len(share) else c * size) for b, c in _runs(wide)])
+        stretches.append(
+            [(b * size, len(rows) if c == len(share) else c * size) for b, c in true_ranges(wide)]
+        )
     return stretches
 
 
@@ -230,7 +227,7 @@ def free_stretches(
             free[max(stop.begin - pad - begin, 0) : max(stop.end + pad - begin, 0)] = False
     if free.all():
         return [window]
-    return [(begin + a, begin + b) for a, b in _runs(free) if b - a >= LEAST_S * rate_hz]
+    return [(begin + a, begin + b) for a, b in true_ranges(free) if b - a >= LEAST_S * rate_hz]
 
 
 def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, used: int, whole: int) -> None:

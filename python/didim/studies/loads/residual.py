@@ -22,6 +22,7 @@ from ..._tools.settings import positive
 from ...errors import DidimError, ExperimentError, FitError
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
+from ...loop.tuning import largest_coulomb
 from ...methods.job import Delay
 from ...regression.linear_system import linear_system
 from ...regression.logs.parameters import independent
@@ -324,11 +325,7 @@ def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: f
     """
     speed = np.abs(np.gradient(q, axis=0)) * rate_hz
     slow = speed < SLOW * speed.max(axis=0)
-    coulomb = np.zeros(robot.n_dof)
-    for parameter, value in zip(robot.standard_parameters, x, strict=True):
-        if parameter.kind == "Fc":
-            coulomb[parameter.joint] = max(coulomb[parameter.joint], abs(value))
-    return low_pass(slow * 2.0 * coulomb, rate_hz, bandwidth_hz)
+    return low_pass(slow * 2.0 * largest_coulomb(robot, x), rate_hz, bandwidth_hz)
 
 
 def _payload_change(
