@@ -116,7 +116,7 @@ def other_friction() -> str:
     named = dict(zip(robot.parameter_names, robot.parameter_set("reference").tolist(), strict=True))
     calls: tuple[tuple[Callable[[], object], str], ...] = (
         (lambda: didim.validate(fit, asymmetric), "Fc1+"),
-        (lambda: didim.to_c(robot, fit), "fit.parameters"),  # type: ignore[arg-type]
+        (lambda: didim.to_c(robot, fit), "fit.parameters"),  # type: ignore[attr-defined]
         (lambda: start(robot, named), ""),
     )
     for call, wanted in calls:

@@ -13,38 +13,22 @@ from ._tools.version import __version__ as __version__
 from .errors import DidimError as DidimError
 
 if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
+    from . import diagnosis as diagnosis
+    from . import errors as errors
+    from . import excitation as excitation
+    from . import export as export
     from . import formats as formats
+    from . import loop as loop
     from . import plot as plot
     from . import report as report
+    from . import robot as robot
+    from . import solvers as solvers
     from .diagnosis.check import check as check
-    from .diagnosis.finding import Findings as Findings
-    from .errors import ExperimentError as ExperimentError
-    from .errors import FitError as FitError
-    from .errors import IndefiniteError as IndefiniteError
-    from .errors import RankError as RankError
-    from .errors import RecordingError as RecordingError
-    from .errors import RobotError as RobotError
-    from .errors import RobotWarning as RobotWarning
-    from .errors import ShapeError as ShapeError
-    from .errors import SignalError as SignalError
-    from .errors import StudyError as StudyError
-    from .excitation import Capsule as Capsule
-    from .excitation import ExcitationSettings as ExcitationSettings
-    from .excitation import Workspace as Workspace
     from .excitation.design import Excitation as Excitation
     from .excitation.excite import excite as excite
     from .experiment.experiment import Experiment as Experiment
     from .experiment.experiment_file import load_experiment as load_experiment
-    from .export import to_c as to_c
-    from .export import to_latex as to_latex
-    from .export import to_mjcf as to_mjcf
-    from .export import to_sdf as to_sdf
-    from .export import to_urdf as to_urdf
     from .log.recording import Recording as Recording
-    from .loop import ControllerMemory as ControllerMemory
-    from .loop import Digital as Digital
-    from .loop import SimulationStatus as SimulationStatus
-    from .loop import StepWarning as StepWarning
     from .loop.controller import Controller as Controller
     from .loop.reference import Reference as Reference
     from .loop.simulation import Simulation as Simulation
@@ -62,27 +46,18 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from .monte_carlo.results import StudyResults as StudyResults
     from .monte_carlo.study import study as study
     from .regression.recursive import Recursive as Recursive
-    from .result.contrast import Contrast as Contrast
     from .result.contrast import contrast as contrast
-    from .result.finding import Finding as Finding
     from .result.identification import Identification as Identification
     from .result.iteration import Iteration as Iteration
     from .result.status import Status as Status
     from .result.verdict import Reason as Reason
     from .result.verdict import Verdict as Verdict
-    from .robot import BaseParameters as BaseParameters
-    from .robot import Friction as Friction
     from .robot.friction import FrictionTerm as FrictionTerm
     from .robot.parameter_file import load_parameters as load_parameters
     from .robot.payload import Payload as Payload
     from .robot.robot import Robot as Robot
     from .robot.robot_file import load_robot as load_robot
     from .signal.processing import SignalProcessing as SignalProcessing
-    from .solvers import Bounds as Bounds
-    from .solvers import Consistent as Consistent
-    from .solvers import LeastSquaresSettings as LeastSquaresSettings
-    from .solvers import Prior as Prior
-    from .solvers import RecursiveEstimate as RecursiveEstimate
     from .studies.compare import compare as compare
     from .studies.comparison import Comparison as Comparison
     from .studies.loads.payload import identify_payload as identify_payload

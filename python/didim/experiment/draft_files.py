@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -31,34 +30,6 @@ REPEATED = "repeated"
 """Kind of a time column that repeats the time stamps of another file."""
 SAME_TIME = 0.5
 """Largest difference of two time stamps of one row, in median steps, for two files to share their rows."""
-
-
-class Log(Protocol):
-    """Interface of a log, in one file or in several, for the writer of a recording."""
-
-    columns: list[Column]
-    joints: tuple[str, ...]
-    note: str
-
-    @property
-    def keys(self) -> list[str]:
-        """Return the TOML lines common to its tables."""
-
-    @property
-    def named(self) -> bool:
-        """Whether all columns have names."""
-
-    def want(self, columns: Sequence[Column]) -> None:
-        """Request columns before reading."""
-
-    def values(self, columns: Sequence[Column]) -> Array:
-        """Return the values of some columns, (n_samples, n)."""
-
-    def place(self, column: Column, row: int) -> str:
-        """Return the location of a value in words: file, row from 1, column."""
-
-    def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
-        """Return the TOML lines that name some columns."""
 
 
 @dataclass
@@ -115,6 +86,10 @@ class LogFiles:
             *others,
             f"columns = {quoted([column.name for column in columns])}",
         ]
+
+
+Log = LogSource | LogFiles
+"""A log for the writer of a recording."""
 
 
 def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Log, str, Path]], list[str]]:
