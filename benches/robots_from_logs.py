@@ -5,7 +5,7 @@
 runs the commands of each robot in an empty folder with its log, and writes the set and its origin (``[identified.public-log]``,
 ``[parameters.public-log]``) at the end of its file in ``python/didim/packaged/robots``. DATA has the logs as their publishers name
 them; none is copied. `didim robots` prints the origins. Two public logs have no set: the model of the TIAGo misses 43 % of the
-torques on held-out blocks, and results of the KR300 19 to 23 % of those of its other log.
+torques on held-out blocks, and results of the KR300 11 % of those of its other log while it moves.
 """
 
 from __future__ import annotations

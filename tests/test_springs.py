@@ -259,6 +259,14 @@ def kr300(folder: Path, ratios: np.ndarray, springs: str) -> Path:
     return path
 
 
+def moving(log: didim.Experiment) -> didim.Experiment:
+    """Return a log from where the last axis has started to where the first one stops: at the dead zone of `didim check`."""
+    (recording,) = log.recordings
+    fast = np.abs(np.gradient(recording.q, axis=0)) * recording.rate_hz > 0.01
+    start, stop = int(fast.argmax(axis=0).max()), len(fast) - int(fast[::-1].argmax(axis=0).max())
+    return replace(log, recordings=(replace(recording, windows=((start, stop),)),))
+
+
 def test_a_spring_on_axis_2_of_a_kuka_with_a_counterbalance(shared: Path, tmp_path: Path) -> None:
     """Within half a radian gravity has the torque of the counterbalance: a spring gains little, and is the same in both runs."""
     data = shared / "data" / "kr300"
@@ -274,6 +282,9 @@ def test_a_spring_on_axis_2_of_a_kuka_with_a_counterbalance(shared: Path, tmp_pa
         out = tmp_path / f"{run}.toml"
         assert main(["init", str(robot), str(data / f"{run}.mat"), *words, "-o", str(out)]) == 0
         log = didim.load_experiment(out)
+        # Most of the error is that of the standstill before and after the motion.
+        assert didim.identify(log, didim.IDIMLS()).overall_relative_error > 0.09
+        log = moving(log)
         fit = didim.identify(log, didim.IDIMLS())
         plain = didim.identify(replace(log, robot=log.robot.with_terms([])), didim.IDIMLS())
         assert (
@@ -281,7 +292,8 @@ def test_a_spring_on_axis_2_of_a_kuka_with_a_counterbalance(shared: Path, tmp_pa
             < fit.overall_relative_error
             < plain.overall_relative_error + 1e-4
         )
+        assert plain.overall_relative_error < 0.04
         place = fit.names.index("Ks2")
         stiffness.append(fit.beta[place])
         variance += fit.std[place] ** 2
-    assert abs(stiffness[0] - stiffness[1]) < 2.5 * np.sqrt(variance)
+    assert abs(stiffness[0] - stiffness[1]) < np.sqrt(variance)

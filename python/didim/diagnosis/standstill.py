@@ -49,8 +49,8 @@ def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
             kind="standstill",
             sentence=f"the arm rests in a part of the log, joint{'s' if len(shares) > 1 else ''} {shown}: there the noise "
             "of the velocity decides the sign of the Coulomb friction",
-            advice=f"Write a dead zone under [friction], dead_zone_{'m' if prismatic else 'rad'}_s = "
-            f"{'0.001' if prismatic else '0.01'}, or leave these times out with windows_s",
+            advice="Leave these times out with windows_s, where any torque within stiction is possible; inside a motion, write "
+            f"a dead zone under [friction], dead_zone_{'m' if prismatic else 'rad'}_s = {'0.001' if prismatic else '0.01'}",
             joints=tuple(shares),
             value=max(shares.values()),
         )
