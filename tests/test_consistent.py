@@ -229,3 +229,6 @@ def test_consistent_estimates_with_further_friction_terms() -> None:
     assert violations(conditions_of(robot), fit.parameters) == []
     assert fit.parameters[robot.parameter_names.index("Fl1")] >= 0.0
     assert didim.identify(log).overall_relative_error == pytest.approx(fit.overall_relative_error, rel=0.05)
+    # The robot that the result itself has, also after it was saved, has the terms too.
+    nearest = fit.consistent(draws=2, robot=robot)
+    assert fit.consistent(draws=2).parameters.tolist() == nearest.parameters.tolist()

@@ -180,15 +180,13 @@ class Table:
 
     def number(self, key: str, default: _Default = MISSING) -> float | _Default:
         """Finite number within its declared bounds."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         return self._finite(key, value)
 
     def integer(self, key: str, default: _Default = MISSING, maximum: int | None = None) -> int | _Default:
         """Integer within its declared bounds and a `maximum` that depends on other keys; 3.0 is not one."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if isinstance(value, bool) or not isinstance(value, int):
             self.fail(f"{key} must be an integer, got {brief(repr(value))}")
@@ -210,8 +208,7 @@ class Table:
 
     def text(self, key: str, default: _Default = MISSING) -> str | _Default:
         """Text, one of the declared choices if there are any."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, str):
             self.fail(f"{key} must be a text, got {brief(repr(value))}")
@@ -224,8 +221,7 @@ class Table:
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
         """Truth value, ``true`` or ``false``."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, bool):
             self.fail(f"{key} must be true or false, got {brief(repr(value))}")
@@ -235,15 +231,13 @@ class Table:
         self, key: str, length: int | None = None, default: _Default = MISSING
     ) -> list[float] | _Default:
         """List of finite numbers, of the given length when there is one."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         return self._number_list(key, value, length)
 
     def spread(self, key: str, length: int, default: _Default = MISSING) -> list[float] | _Default:
         """List of `length` numbers, or one number that stands for all of them."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if isinstance(value, list):
             return self._number_list(key, value, length)
@@ -251,8 +245,7 @@ class Table:
 
     def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
         """List of texts."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             self.fail(f"{key} must be a list of texts, got {brief(repr(value))}")
@@ -262,8 +255,7 @@ class Table:
         self, key: str, rows: int, columns: int, default: _Default = MISSING
     ) -> list[list[float]] | _Default:
         """Matrix as a list of rows."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, list) or len(value) != rows:
             got = counted(len(value), "row") if isinstance(value, list) else repr(value)
@@ -273,8 +265,7 @@ class Table:
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
         """Sub-table ``[key]``."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, dict):
             self.fail(f"{key} must be a table, got {brief(repr(value))}")
@@ -287,8 +278,7 @@ class Table:
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
         """Return an array of tables ``[[key]]``; several are named by their index."""
-        value = self._read(key, default)
-        if value is MISSING:
+        if (value := self._read(key, default)) is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
             self.fail(f"{key} must be an array of tables, [[{key}]]")

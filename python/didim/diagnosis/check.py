@@ -167,8 +167,8 @@ def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
         ]
     notes += identified
     return [
-        said(kind="excitation", sentence=lack.sentence, advice=lack.advice, joints=lack.joints)
-        for lack in lacks
+        said(kind="excitation", sentence=sentence, advice=advice, joints=joints)
+        for sentence, advice, joints in lacks
     ]
 
 

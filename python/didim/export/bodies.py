@@ -139,7 +139,7 @@ class ExportModel:
         for link, value in zip(self.links, share, strict=True):
             if value < 0.0:
                 raise FitError(
-                    f"{_WORDS[key]} of joint {link.joint!r} without its coupled motors is {value:.4g}: no drive has that; "
+                    f"{WORDS[key]} of joint {link.joint!r} without its coupled motors is {value:.4g}: no drive has that; "
                     "export physically consistent parameters"
                 )
         return share
@@ -148,7 +148,7 @@ class ExportModel:
 PLACED = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm|Ks)\d+[+-]?")
 """Pattern of the standard parameters that an export can place; all others are further terms."""
 
-_WORDS = {
+WORDS = {
     "rotor": "rotor inertia",
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -233,7 +233,7 @@ def _check_body(link: str, pseudo: Array) -> None:
 
 
 def _check_drive(body: LinkBody) -> None:
-    for key, word in _WORDS.items():
+    for key, word in WORDS.items():
         value = getattr(body, key)
         if value < 0.0:
             raise FitError(

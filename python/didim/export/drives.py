@@ -16,7 +16,7 @@ from ..errors import FitError
 from ..experiment.unknown import SOFT
 from ..result.identification import Identification
 from ..robot.friction import Friction
-from .bodies import joint_friction, lost_friction
+from .bodies import WORDS, joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
@@ -159,12 +159,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
         viscous, coulomb, missed[name] = joint_friction(values, j, terms, kind)
         rotor, offset = values[f"Ia{j + 1}"], values.get(f"Off{j + 1}", 0.0)
         stiffness = values.get(f"Ks{j + 1}", 0.0)
-        for word, value in (
-            ("rotor inertia", rotor),
-            ("viscous friction", viscous),
-            ("Coulomb friction", coulomb),
-            ("stiffness of the spring", stiffness),
-        ):
+        for word, value in zip(WORDS.values(), (rotor, viscous, coulomb, stiffness), strict=True):
             if value < 0.0:
                 raise FitError(
                     f"{where}: the {word} of joint {name!r} is negative ({value:.4g}): no drive has that"

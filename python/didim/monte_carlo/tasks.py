@@ -48,9 +48,12 @@ def tasks(spec: StudySpec) -> Iterator[Task]:
 
 
 def _task(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> Task:
+    what = None if method is None else [method.name, dict(method.settings), dict(method.keys)]
+    # Everything that determines a row; names and labels do not.
+    determined = [common["version"], common["digest"], dict(scenario.keys), what, seed]
     return {
         **common,
-        "id": _id(common, scenario, method, seed),
+        "id": digest(canonical(determined)),
         "scenario": {"name": scenario.name, "keys": dict(scenario.keys)},
         "method": None
         if method is None
@@ -68,12 +71,6 @@ def count(spec: StudySpec) -> int:
     """Count the tasks of a study."""
     per_scenario = sum(min(spec.seeds, method.seeds or spec.seeds) for method in spec.methods)
     return len(spec.scenarios) * (1 + per_scenario)
-
-
-def _id(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> str:
-    """Return the digest of everything that determines a row; names and labels do not."""
-    what = None if method is None else [method.name, dict(method.settings), dict(method.keys)]
-    return digest(canonical([common["version"], common["digest"], dict(scenario.keys), what, seed]))
 
 
 def random_numbers(root: int, keys: Keys, seed: int, purpose: int) -> np.random.SeedSequence:

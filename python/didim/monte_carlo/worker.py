@@ -93,12 +93,6 @@ def run_task(task: Task) -> dict[str, Any]:
     # Workers already share the cores. An explicit limit is respected.
     os.environ.setdefault(VARIABLE, "1")
     start, spent = time.perf_counter(), time.thread_time()
-    head = {
-        "id": task["id"],
-        "scenario": task["scenario"]["name"],
-        "method": None if task["method"] is None else task["method"]["label"],
-        "seed": task["seed"],
-    }
     seconds: dict[str, float] = {}
     try:
         row = _truth_row(task) if task["method"] is None else _fit_row(task, seconds)
@@ -118,23 +112,21 @@ def run_task(task: Task) -> dict[str, Any]:
     return {
         "id": task["id"],
         "status": row["status"],
-        "row": _line(sealed({**head, **row})),
+        "row": _line(sealed({**_head(task), **row})),
         "times": _line(times),
     }
 
 
 def lost_row(task: Task, sentence: str) -> dict[str, Any]:
     """Return the row of a task whose workers died."""
-    method = task["method"]
-    row = {
-        "id": task["id"],
-        "scenario": task["scenario"]["name"],
-        "method": None if method is None else method["label"],
-        "seed": task["seed"],
-        "status": LOST,
-        "sentence": sentence,
-    }
+    row = {**_head(task), "status": LOST, "sentence": sentence}
     return {"id": task["id"], "status": LOST, "row": _line(sealed(row)), "times": None}
+
+
+def _head(task: Task) -> dict[str, Any]:
+    """Return what a row says of its task."""
+    method = None if task["method"] is None else task["method"]["label"]
+    return {"id": task["id"], "scenario": task["scenario"]["name"], "method": method, "seed": task["seed"]}
 
 
 def sealed(row: dict[str, Any]) -> dict[str, Any]:

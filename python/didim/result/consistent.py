@@ -13,17 +13,15 @@ from typing import Any, Self
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.saved import rows
+from .._tools.saved import restored, rows
 from .._tools.words import columned
-from ..errors import FitError
+from ..errors import FitError, RobotError
 from ..regression.consistent.bounds import Bounds
 from ..regression.consistent.nearest import NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
 from ..regression.consistent.prior import GAMMA, Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
-from ..robot.placement import Mount
 from ..robot.robot import Geometry, JointLimits, Robot
-from ..robot.transmission import Follower
 from .finding import Finding
 from .uncertainty import Uncertainty
 from .verdict import Use
@@ -41,10 +39,9 @@ def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
         For a result without them.
     """
     try:
-        record = settings["robot"]
-        geometry = _geometry(record["geometry"])
-        friction = Friction(**{key: _frozen(value) for key, value in record["friction"].items()})
-    except (KeyError, TypeError) as reason:
+        geometry = restored(Geometry, settings["robot"]["geometry"])
+        friction = restored(Friction, settings["robot"]["friction"])
+    except (AttributeError, KeyError, OverflowError, RobotError, TypeError, ValueError) as reason:
         raise FitError(f"the result does not hold its robot ({reason}): give robot=") from None
     return Robot(
         name=name,
@@ -57,21 +54,6 @@ def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
         reduction=None,
         gains=None,
     )
-
-
-def _geometry(record: Mapping[str, Any]) -> Geometry:
-    """Return the recorded geometry of a result; results of 0.2.0 are of chains and have no mounts."""
-    parts = {key: _frozen(value) for key, value in record.items()}
-    for key, kind in (("mounts", Mount), ("followers", Follower)):
-        entries = record.get(key, ())
-        parts[key] = tuple(
-            kind(**{name: _frozen(value) for name, value in entry.items()}) for entry in entries
-        )
-    return Geometry(**parts)
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(element) for element in value) if isinstance(value, list) else value
 
 
 def distance_sentence(half_distance: float, n_parameters: int) -> str:

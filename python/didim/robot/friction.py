@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from .._tools.plugins import loaded
+from .._tools.saved import restored
 from .._tools.toml import Table
 from ..errors import RobotError
 
@@ -292,10 +293,7 @@ class Friction:
     @staticmethod
     def terms_of(saved: Sequence[Mapping[str, object]]) -> tuple[FrictionTerm, ...]:
         """Return the terms as read from a result's JSON."""
-        return tuple(
-            FrictionTerm(**{**term, "values": tuple(term.get("values", ()))})  # type: ignore[arg-type]
-            for term in saved
-        )
+        return tuple(restored(FrictionTerm, term) for term in saved)
 
 
 def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) -> Friction:

@@ -6,8 +6,6 @@ usual size, would leave; unknowns that others widen beyond measure would be held
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..._tools.arrays import Array, quotient
@@ -25,25 +23,8 @@ POOR = 0.5
 """Ratio of half the interval to the value, from which a parameter is poorly identified."""
 
 
-@dataclass(frozen=True)
-class Lack:
-    """A parameter that a log does not identify.
-
-    Attributes
-    ----------
-    sentence, advice : str
-        What, and what to do.
-    joints : tuple of int
-        Joints concerned, from 1; empty for all.
-    """
-
-    sentence: str
-    advice: str
-    joints: tuple[int, ...]
-
-
-def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
-    """Return the unknowns that a log does not identify, and sentences on the others.
+def prospect(experiment: Experiment) -> tuple[list[tuple[str, str, tuple[int, ...]]], list[str]]:
+    """Return what a log does not identify, as sentence, advice and joints from 1, and sentences on the others.
 
     Raises
     ------
@@ -52,8 +33,8 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
     """
     problem = build(experiment)
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    sentences = [
-        Lack(each.sentence, "Log the joint moving freely, or go on without these stretches", each.joints)
+    lacks = [
+        (each.sentence, "Log the joint moving freely, or go on without these stretches", each.joints)
         for each in findings_of(experiment, problem.stops)
     ]
     remarks = []
@@ -62,7 +43,7 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
     for sentence, held_columns in by_sentence(problem, held).items():
         joints = {joint + 1 for each in held_columns for joint in problem.columns[each.column].joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
-        sentences.append(Lack(sentence, advice, tuple(sorted(joints))))
+        lacks.append((sentence, advice, tuple(sorted(joints))))
     share = _shares(experiment, problem, now)
     for kind in dict.fromkeys(column.kind for column in problem.columns):
         at = [k for k, c in enumerate(problem.columns) if c.kind == kind and np.isfinite(share[k])]
@@ -75,8 +56,8 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
                 f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )
             advice = "Log faster, and command steps or a chirp up to the bandwidth of the loop (didim excite --positions)"
-            sentences.append(Lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
-    return sentences, remarks
+            lacks.append((sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
+    return lacks, remarks
 
 
 def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:
