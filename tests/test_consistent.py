@@ -153,7 +153,7 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     assert sources["M1"] == "prior"
     with pytest.raises(didim.errors.FitError, match=r"prior='didim_physical' needs the robot as well"):
         fit.consistent("didim_physical")
-    named = fit.consistent("didim_physical", robot=experiment.robot, draws=20)
+    named = fit.consistent("didim_physical", robot=experiment.robot, draws=200)
     assert named.settings["consistent"]["prior"] == "didim_physical"
     assert sources["Fv1"] == "identified"
     assert violations(conditions_of(experiment.robot), near.parameters) == []
@@ -230,5 +230,5 @@ def test_consistent_estimates_with_further_friction_terms() -> None:
     assert fit.parameters[robot.parameter_names.index("Fl1")] >= 0.0
     assert didim.identify(log).overall_relative_error == pytest.approx(fit.overall_relative_error, rel=0.05)
     # The robot that the result itself has, also after it was saved, has the terms too.
-    nearest = fit.consistent(draws=2, robot=robot)
-    assert fit.consistent(draws=2).parameters.tolist() == nearest.parameters.tolist()
+    nearest = fit.consistent(draws=20, robot=robot)
+    assert fit.consistent(draws=20).parameters.tolist() == nearest.parameters.tolist()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os.path import commonprefix
 
 from .._tools.words import series
 
@@ -166,10 +167,8 @@ def _stem(text: str) -> str:
 
 def _column(name: str, text: str) -> Column:
     """Read the text of a column called `name`."""
-    # camelCase and digits are boundaries too.
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", text.strip())
     bracket = re.search(r"[\[(]\s*([A-Za-z.]+)\s*[\])]", text)
-    tokens = [token for token in re.split(r"[^A-Za-z0-9]+", spaced) if token]
+    tokens = _tokens(text.strip())
     words = [token.lower() for token in tokens if not token.isdigit()]
     numbers = [int(token) for token in tokens if token.isdigit()]
     unit = UNITS.get(bracket.group(1).lower().replace(".", "")) if bracket else None
@@ -213,17 +212,14 @@ def name_without_signal(name: str) -> tuple[str, ...]:
     name : str
         Name without suffix: ``motor_position_run2`` gives ``motor``, ``run`` and ``2``.
     """
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
-    words = [word.lower() for word in re.split(r"[^A-Za-z0-9]+", spaced) if word]
     signals = {word for known in WORDS.values() for word in known}
-    return tuple(word for word in words if word not in signals)
+    return tuple(word for word in map(str.lower, _tokens(name)) if word not in signals)
 
 
-def _common_begin(names: Sequence[str]) -> str:
-    """Return the longest common prefix of all names."""
-    first, last = min(names), max(names)
-    end = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    return first[:end]
+def _tokens(text: str) -> list[str]:
+    """Return the words and numbers of a name; camelCase and digits are boundaries too."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", text)
+    return [token for token in re.split(r"[^A-Za-z0-9]+", spaced) if token]
 
 
 def joints_by_name(labels: Sequence[str], joint_names: Sequence[str], n_dof: int) -> tuple[list[str], str]:
@@ -245,7 +241,8 @@ def joints_by_name(labels: Sequence[str], joint_names: Sequence[str], n_dof: int
     """
     if joint_names and set(joint_names) <= set(labels):
         return list(joint_names), ""
-    common = _common_begin(joint_names) if len(joint_names) > 1 else ""
+    # Names are texts, not paths: their common letters are meant.
+    common = commonprefix(list(joint_names)) if len(joint_names) > 1 else ""  # noqa: RUF071
     ends = [name.removeprefix(common) for name in joint_names]
     begins = {name.removesuffix(ends[0]) for name in labels if ends and name.endswith(ends[0])}
     fitting = [begin for begin in begins if all(begin + end in labels for end in ends)]

@@ -98,7 +98,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     band, source = _band(recordings)
     middle = CUTOFF_TIMES * band if band > 0.0 else 0.04 * rate
     middle = min(max(middle, LOWEST_SHARE * APART * rate), HIGHEST_SHARE * rate / APART)
-    cutoffs = [_two_digits(middle * factor) for factor in (1.0 / APART, 1.0, APART)]
+    cutoffs = [float(f"{middle * factor:.2g}") for factor in (1.0 / APART, 1.0, APART)]
     moves = (
         f"{source} {band:.3g} Hz" if band > 0.0 else "the log is too short to detect the end of the motion"
     )
@@ -120,10 +120,6 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
     return filters(cutoff, f"held-out torque error {left} % at {tried} Hz", errors)
-
-
-def _two_digits(value: float) -> float:
-    return float(f"{value:.2g}")
 
 
 def _row(numbers: Sequence[str]) -> str:

@@ -91,12 +91,9 @@ class LogSource:
             return self.data.get(names, columns[0].variable, len(names))
         if all(column.variable is None for column in columns):
             return self.data.get([column.name for column in columns], None, len(columns))
-        return np.hstack([self._of_array(column) for column in columns])
-
-    def _of_array(self, column: Column) -> Array:
-        if isinstance(column.name, str):
-            return self.data.get([column.name], None, 1)
-        return self.data.get([column.name], column.variable, 1)
+        variables = [None if isinstance(column.name, str) else column.variable for column in columns]
+        each = zip(columns, variables, strict=True)
+        return np.hstack([self.data.get([column.name], variable, 1) for column, variable in each])
 
     def place(self, column: Column, row: int) -> str:
         """Return the location of a value in words: file, row from 1, column."""

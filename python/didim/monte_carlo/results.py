@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -151,7 +151,7 @@ class StudyResults(Printed):
     @cached_property
     def _pairs(self) -> Mapping[tuple[str, str], list[Row]]:
         pairs: dict[tuple[str, str], list[Row]] = defaultdict(list)
-        for row in _by_seed(self.rows.fits.values()):
+        for row in sorted(self.rows.fits.values(), key=lambda row: int(row["seed"])):
             pairs[row["scenario"], row["method"]].append(row)
         return pairs
 
@@ -160,7 +160,3 @@ def _natural(name: str) -> list[str | float]:
     """Return the key for sorting names with numbers by size: ``cutoff_hz = 60`` comes before ``cutoff_hz = 200``."""
     parts = re.split(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)", name)
     return [float(part) if k % 2 else part for k, part in enumerate(parts)]
-
-
-def _by_seed(rows: Iterable[Row]) -> list[Row]:
-    return sorted(rows, key=lambda row: int(row["seed"]))

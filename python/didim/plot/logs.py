@@ -288,7 +288,9 @@ def residuals(
         upper.set_title(f"joint {joint + 1}")
         unit = units(kinds[joint])[1]
         values = np.concatenate(parts)
-        lower.hist(values, bins=_bins(values), density=True, color=MEASURED, label="distribution")
+        # The square root of the number of values, within visible bounds.
+        bins = int(np.clip(np.sqrt(values.size), 10, 60))
+        lower.hist(values, bins=bins, density=True, color=MEASURED, label="distribution")
         sigma = float(values.std())
         if sigma > 0.0:
             x = np.linspace(values.min(), values.max(), 200)
@@ -300,8 +302,3 @@ def residuals(
         handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0][::-1]]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
-
-
-def _bins(values: Array) -> int:
-    """Return the bins: the square root of the number of values, within visible bounds."""
-    return int(np.clip(np.sqrt(values.size), 10, 60))

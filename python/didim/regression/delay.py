@@ -201,7 +201,7 @@ class _Search:
         moved: Moved,
     ) -> None:
         self.parts, self.signal, self.margin, self.moved = parts, signal, margin, moved
-        self.inner = [_inner(part, margin) for part in parts]
+        self.inner = [part.cut(slice(margin, part.q.shape[0] - margin)) for part in parts]
         observed = observe(self.inner)
         self.system, self.weights, self.solution = observed.system, observed.weights, observed.solution
         self.known = 0.0 if self.system.known is None else self.system.known
@@ -362,8 +362,3 @@ def _mean(
     weights = 1.0 / variances / np.sum(1.0 / variances)
     variance = float(weights @ covariance[np.ix_(some, some)] @ weights)
     return float(weights @ own[some]), math.sqrt(max(variance, 0.0))
-
-
-def _inner(part: Segment, margin: int) -> Segment:
-    """Return a segment without the first and last ``margin`` samples, so every shift of the torque has a value."""
-    return part.cut(slice(margin, part.q.shape[0] - margin))

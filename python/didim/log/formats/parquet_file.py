@@ -112,11 +112,6 @@ class LeRobotDataset(ArrayFile):
         return np.concatenate([part.array(name) for part in self._parts])
 
 
-def is_dataset(path: Path) -> bool:
-    """Whether a path is the folder of a LeRobot dataset."""
-    return (path / INFO).is_file()
-
-
 def open_parquet(path: Path, name: str) -> ArrayFile:
     """Open a Parquet file, or the folder of a LeRobot dataset.
 
@@ -136,7 +131,7 @@ def open_parquet(path: Path, name: str) -> ArrayFile:
         return _dataset(path, name)
     file = ParquetFile(read_file(path, RecordingError, "no such data file", copies=2), name)
     # A file of a dataset lies in data/chunk-000.
-    folder = next((above for above in path.resolve().parents[:3] if is_dataset(above)), None)
+    folder = next((above for above in path.resolve().parents[:3] if (above / INFO).is_file()), None)
     if folder is not None:
         file.labels = _labels(_info(folder, folder.name), file.names)
     return file
