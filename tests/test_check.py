@@ -19,7 +19,7 @@ from didim.cli.main import main
 from didim.diagnosis.finding import Findings
 from didim.errors import FitError
 from didim.evidence.torques import constant_torque_findings
-from didim.result.finding import Finding, said
+from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
 from didim.studies.simulated_log import PACKAGED, measured, simulated_log
@@ -505,7 +505,7 @@ def test_the_files_of_these_tests_say_what_they_should(tx40: Log, tmp_path: Path
 
 
 def test_names_of_joints_stand_below_the_findings() -> None:
-    found = said(kind="gap", sentence="joint 2 jumps", advice="Look at it", joints=(2,))
+    found = worded(kind="gap", sentence="joint 2 jumps", advice="Look at it", joints=(2,))
     named = Findings("log", (found,), ("shoulder", "elbow"))
     assert str(named).splitlines()[-1] == "joints: 2 elbow"
     assert len(str(Findings("log", (found,))).splitlines()) == 2

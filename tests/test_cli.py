@@ -220,7 +220,7 @@ def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert identify_arm(arm, "--method", "magic") == 2
     assert (
         one_line(capsys)
-        == "didim: there is no method 'magic' (there are: idim-ls, idim-iv, didim, cloe; or one of your own as module:name)"
+        == "didim: there is no method 'magic' (there are: idim-ls, idim-iv, didim, cloe; or your own as module:name)"
     )
 
 

@@ -19,7 +19,7 @@ from didim.experiment.specs import Measurement
 from didim.model.consistency import link_cones
 from didim.result.iteration import Iteration
 from didim.studies.compare import _key, all_methods, truth_of
-from didim.studies.comparison import sentence, text_of
+from didim.studies.comparison import sentences, text_of
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
 ARM = """\
@@ -184,7 +184,7 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
     assert title.split()[1:] == ["DIDIM", "consistent", "CLOE", "simplex", "CLOE"]
     wrapped = " ".join(text.splitlines())
     assert "Shortened: Nelder-Mead ends after 50 iterations" in wrapped
-    assert "; CLOE, Levenberg-Marquardt is at the optimum after " in wrapped
+    assert ". CLOE, Levenberg-Marquardt is at the optimum after " in wrapped
     # A search without covariance has no sigma and no distance in it.
     (row,) = [line.split() for line in text.splitlines() if line.startswith("MX2 ")]
     assert row[10] == "-"
@@ -194,10 +194,10 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
 
 def test_the_sentence_of_a_failure(arm: Comparison) -> None:
     lost = replace(arm.fits["didim"], status=didim.Status.NO_STEP)
-    assert sentence(replace(arm, fits={"didim": lost})).startswith(
+    assert sentences(replace(arm, fits={"didim": lost}))[0].startswith(
         "DIDIM did not converge: Not converged: with every step, however short"
     )
-    assert sentence(replace(arm, fits={})) == "DIDIM was not run."
+    assert sentences(replace(arm, fits={})) == ["DIDIM was not run."]
 
 
 def test_json(tx40: Comparison, tmp_path: Path) -> None:

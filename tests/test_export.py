@@ -208,9 +208,7 @@ def test_laws_of_speed_and_path_become_a_line_and_its_error_is_told() -> None:
     line, left = (
         sentence for sentence in model.left_out if "Off" not in sentence and "offset" not in sentence
     )
-    assert line.startswith(
-        "Fz1, Fa2 are a line of viscous and Coulomb friction in the file, off by up to (N.m, N) "
-    )
+    assert line.startswith("Fz1, Fa2 are viscous and Coulomb friction in the file, off by (N.m, N) ")
     assert f"joint2 {worst:.2g} below 2 rad/s" in line
     assert left.startswith("Fl2 are left out")
     assert joint_friction({**values, "Fa2": -9.0}, 1, terms)[:2] == (0.0, 0.0)

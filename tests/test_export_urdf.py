@@ -238,7 +238,7 @@ def spoilt(robot: Robot, **changes: float) -> Array:
     [
         ({"M2": 0.0}, r"link 'forearm' is not a body: its mass is 0 kg \(base parameters alone give no masses\)"),
         ({"M2": -1.0}, "link 'forearm' is not a body: its mass is -1 kg"),
-        ({"XX1": 50.0}, "link 'upper_arm' is not a body: its principal moments of inertia break the triangle inequality"),
+        ({"XX1": 50.0}, "link 'upper_arm' is not a body: its moments of inertia break the triangle inequality"),
         ({"ZZ1": -5.0}, "link 'upper_arm' is not a body: its smallest moment of inertia about the centre of mass is -"),
         ({"Fv3": -0.1}, r"viscous friction of joint 'wrist' is negative \(-0.1\)"),
         ({"Fc3": -0.1}, "Coulomb friction of joint 'wrist' is negative"),
@@ -259,7 +259,7 @@ def test_the_hand_must_be_a_body_without_its_fingers(arm: Path) -> None:
     x[first : first + 10] *= 0.1 / x[first + 9]  # lighter than its two fingers
     with pytest.raises(
         FitError,
-        match=r"link 'hand' is not a body without .* \(finger, other_finger\): its mass",
+        match=r"link 'hand' is not a body without finger, other_finger: its mass",
     ):
         didim.export.to_urdf(robot, x, arm)
 

@@ -212,9 +212,9 @@ def test_a_point_among_decimal_commas(tmp_path: Path) -> None:
         (2999, "5.998,0.1,0.", "log.csv: row 3000 (line 3001) has 3 columns where the first line has 5; it is the last one"),
         (1500, "3.0,0.1", "log.csv: row 1501 (line 1502) has 2 columns where the first line has 5"),
         (1500, "3.0,0.1,0.2,1.5e15.9,2", "log.csv: row 1501 (line 1502), column 'tau1', is '1.5e15.9', not a number"),
-        (1500, "3.0,0.1,0.2,1.5e154,2", "log.csv: row 1501 (line 1502), column 'tau1', is 1.5e+154, where 98 % of the values"),
+        (1500, "3.0,0.1,0.2,1.5e154,2", "log.csv: row 1501 (line 1502), column 'tau1', is 1.5e+154, and 98 % of the values"),
         (1500, "3.0,0.10.2e7,0.2,1.5,2", "log.csv: row 1501 (line 1502), column 'q1', is '0.10.2e7', not a number"),
-        (1500, "3.0,0.1,3.1e12,1.5,2", "is a line cut, or two run together?"),
+        (1500, "3.0,0.1,3.1e12,1.5,2", "is a line cut?"),
     ],
 )  # fmt: skip
 def test_cut_rows_are_named(
@@ -287,7 +287,7 @@ def test_bags_with_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str
     bag, out = str(tmp_path / "bag2"), str(tmp_path / "y.toml")
     assert main(["init", "panda", bag, "--topic", "/joint_states", "-o", out]) == 1
     said = capsys.readouterr().err
-    assert "are the 7 joints of the robot? Answer with their names in order" in said
+    assert "are the 7 joints of the robot? Name them in order" in said
     assert set("abcdefg") < set(said.split("joints ")[1].split(" are")[0].split(", "))
     assert said.count("which of the log's joints") == 1
     order = ["--columns", "position=b,a,c,d,e,f,g"]
@@ -517,5 +517,5 @@ def test_a_file_of_many_arrays_is_read_once(
     monkeypatch.setattr(module, reader, counting)
     _, draft = initialise("planar2", path, tmp_path / "out.toml")
     assert len(calls) == 1
-    (question,) = [text for text in draft.questions if "where the log has 50 positions" in text]
+    (question,) = [text for text in draft.questions if "the log has 50 positions" in text]
     assert len(question) < 200

@@ -222,12 +222,12 @@ def test_the_response_of_all_limbs_at_once(
 
     def rows(changes: Sequence[Array]) -> list[Array]:
         counts.append(len(changes))
-        runs = simulated_all(windows, [loop.moved(x, change) for change in changes])
+        runs = simulated_all(windows, [loop.changed_by(x, change) for change in changes])
         return [loop.torques(run) for run in runs if isinstance(run, Simulated)]
 
     (run,) = simulated_all(windows, [x])
     assert isinstance(run, Simulated)
-    place = SolvedIterate.of(loop, x, run)
+    place = SolvedIterate.along(loop, x, run)
     found = []
     for of in (Directions.of, singly):
         monkeypatch.setattr(Directions, "of", of)
@@ -315,7 +315,7 @@ def test_iterations_of_the_limbs_are_joined(slack: Experiment, monkeypatch: pyte
     """To those of a robot that iterates as a whole, as long as no limb has ended."""
     method = replace(PLAIN, max_iterations=2)
     apart = didim.identify(slack, method)
-    monkeypatch.setattr("didim.methods.didim.by_limb.places_of", lambda problem: [])
+    monkeypatch.setattr("didim.methods.didim.by_limb.limbs_in", lambda problem: [])
     together = didim.identify(slack, method)
     assert apart.status is together.status is Status.NOT_CONVERGED
     assert apart.ending == together.ending

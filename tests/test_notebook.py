@@ -17,7 +17,7 @@ from didim.diagnosis.finding import Findings
 from didim.errors import DidimError
 from didim.result.contrast import Contrast
 from didim.result.finding import Finding as Evidence
-from didim.result.finding import said
+from didim.result.finding import worded
 from didim.result.verdict import Verdict
 from didim.studies.comparison import Comparison
 from didim.studies.contrasts import Contrasts
@@ -101,7 +101,7 @@ def test_robots_and_base_parameters() -> None:
 
 
 def test_findings() -> None:
-    finding = said(kind="delay", sentence="torques are late", advice="Say so", joints=(1,))
+    finding = worded(kind="delay", sentence="torques are late", advice="Say so", joints=(1,))
     found = Findings("log", (finding,), ("pan",))
     assert cells(found._repr_html_()) == ["delay", "torques are late", "Say so"]
     assert "joints: 1 pan" in found._repr_html_()

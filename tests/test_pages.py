@@ -108,7 +108,7 @@ def test_the_tables_of_methods_are_that_of_the_package() -> None:
         assert cells == {row.name: [row.needs, row.gives] for row in METHODS.values()}
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     for name, row in METHODS.items():
-        assert f"::: didim.{row.place.partition(':')[2]}\n" in text, name
+        assert f"::: didim.{row.location.partition(':')[2]}\n" in text, name
 
 
 def test_the_formats_are_those_of_the_page() -> None:

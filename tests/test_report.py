@@ -33,7 +33,7 @@ from didim.plot import style
 from didim.report.fit import judged
 from didim.report.page import Html, column_edges, picture, table
 from didim.result.status import Status
-from didim.studies.comparison import sentence
+from didim.studies.comparison import sentences
 from didim.studies.simulated_log import packaged_experiment
 from several import arm_logs
 from simulated import RATE_HZ
@@ -286,7 +286,7 @@ def test_text_is_escaped(fit: Identification, arm: Experiment) -> None:
 
 def test_numbers_of_a_comparison(comparison: Comparison, pages: dict[str, str]) -> None:
     page = Page.of(pages["compare"])
-    assert sentence(comparison) in page.text
+    assert " ".join(sentences(comparison)) in page.text
     fits = comparison.fits
     rows = next(row for row in page.tables if row[0][:2] == ["", "IDIM-LS"])[2:]
     assert len(rows) == len(comparison.truth)

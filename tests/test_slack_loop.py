@@ -115,10 +115,10 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     def place(x: Array) -> SolvedIterate:
         run, _ = simulated(windows, x, None)
         assert isinstance(run, Simulated)
-        return SolvedIterate.of(loop, x, run)
+        return SolvedIterate.along(loop, x, run)
 
     def rows(changes: Sequence[Array]) -> list[Array]:
-        return [loop.torques(place(loop.moved(end.parameters, change)).simulated) for change in changes]
+        return [loop.torques(place(loop.changed_by(end.parameters, change)).simulated) for change in changes]
 
     centre = place(end.parameters)
     response = Response.at(centre.system, centre.fit, rows, loop.torques(centre.simulated), job.robot)
@@ -126,7 +126,7 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     jacobian = np.eye(len(response.gain)) - np.linalg.inv(response.gain)
     std = centre.fit.std
     change = 0.3 * std * np.random.default_rng(3).standard_normal(len(std))
-    after = place(loop.moved(end.parameters, change)).fit.solution - centre.fit.solution
+    after = place(loop.changed_by(end.parameters, change)).fit.solution - centre.fit.solution
     error = (after - jacobian @ change) / std
     assert np.linalg.norm(after / std) > 0.1
     assert np.linalg.norm(error) < 0.1 * np.linalg.norm(after / std)

@@ -51,7 +51,7 @@ class Runs:
         self.steps = 0
         left = list(distances)
         place = stub(system=None, fit=None)
-        patch.setattr(slack, "SolvedIterate", stub(of=lambda *given: place))
+        patch.setattr(slack, "SolvedIterate", stub(along=lambda *given: place))
         patch.setattr(slack, "share_moved", lambda *given: share)
         response = stub(rate=0.6, wider=lambda *given: 1.0)
         patch.setattr(slack, "Response", stub(at=lambda *given: response))

@@ -145,7 +145,7 @@ def load_of(length: float) -> Any:
     columns[:, 9] = waves
     residual = 3.0 * waves + 1e-3 * rng.standard_normal(400)
     system: Any = stub(blocks=[Block(rows=slice(0, 400), joint=0)])
-    return _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20)
+    return _load(system, columns, np.zeros((400, 0)), residual, np.arange(400), 20, "tool")
 
 
 def test_a_robust_deviation_is_a_billionth_of_the_torque_at_least() -> None:

@@ -114,7 +114,7 @@ def test_the_base_may_be_turned() -> None:
         (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
-        (tree(*arm("base", "l", 41)), {}, "at most 40 joints, and this one has 41 (to_l1, to_l2,"),
+        (tree(*arm("base", "l", 41)), {}, "at most 40 joints, not 41 (to_l1, to_l2,"),
         (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
         (tree(("a", "b", "floating")), {}, "base and tip; joints of this type are held: to_b (floating)"),
     ],

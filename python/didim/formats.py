@@ -19,7 +19,7 @@ from .monte_carlo.text import NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
 from .robot.parameters import BaseParameters
-from .studies.comparison import Comparison, off_explained, sentence
+from .studies.comparison import Comparison, off_explained, sentences
 
 FORMATS = ("text", "markdown", "latex", "csv")
 """Formats of a result; ``print`` shows "text"."""
@@ -145,7 +145,7 @@ def _comparison(comparison: Comparison, form: str) -> str:
         body.append(cells)
     align = "llr" + "rrr" * len(fits)
     titles = [title_of(method) for method in fits]
-    notes = [off_explained(comparison), sentence(comparison), *comparison.notes, *comparison.remarks]
+    notes = [off_explained(comparison), *sentences(comparison), *comparison.notes, *comparison.remarks]
     if form == "latex":
         grid = Grid(
             ("", "", "truth", *("estimate", "sigma %", "off") * len(fits)),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DidimError
-from .words import did_you_mean
+from .words import did_you_mean, series
 
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 """Form of "module:name"."""
@@ -37,8 +37,8 @@ def named(name: str, places: Mapping[str, Any], what: str, error: type[DidimErro
     """
     if name not in places and ":" not in name:
         raise error(
-            f"there is no {what} '{name}'{did_you_mean(name, places)} (there are: {', '.join(places)}; "
-            "or one of your own as module:name)"
+            f"there is no {what} '{name}'{did_you_mean(name, places)} (there are: {series(places, 40)}; "
+            "or your own as module:name)"
         )
     source = places.get(name, name)
     return loaded(source, what, error) if isinstance(source, str) else source

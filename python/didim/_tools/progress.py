@@ -7,6 +7,8 @@ import time
 from importlib import import_module
 from typing import Any
 
+from .words import brief
+
 DELAY_S = 1.0
 """Work (s) before the progress line appears: shorter work needs none."""
 EVERY_S = 0.1
@@ -40,8 +42,7 @@ class ProgressLine:
         ):
             return
         self._last, self._shown = now, True
-        line = " ".join(text.split())
-        line = line if len(line) <= WIDEST else f"{line[: WIDEST - 3]}..."
+        line = brief(" ".join(text.split()), WIDEST)
         if self._terminal:
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
         else:

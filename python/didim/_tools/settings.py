@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 from ..errors import DidimError
-from .words import brief
+from .words import brief, series
 
 if TYPE_CHECKING:
     from .keys import Keys
@@ -103,5 +103,5 @@ def one_of(name: str, value: object, choices: Sequence[object], error: type[Didi
     if any(value is choice or (type(value) is type(choice) and value == choice) for choice in choices):
         return
     *first, last = (repr(choice) for choice in choices)
-    text = f"{', '.join(first)} or {last}" if first else last
-    raise error(f"{name} must be {text}, got {brief(repr(value))}")
+    text = f"{series(first, 60)} or {last}" if first else last
+    raise error(f"{name} must be {text}, got {brief(repr(value), 40)}")

@@ -215,7 +215,7 @@ class Table:
         row = self._keys.rows.get(key)
         if row is not None and row.choices and value not in row.choices:
             self.fail(
-                f"{key} must be one of {listing(row.choices)}, got {brief(repr(value))}{did_you_mean(value, row.choices)}"
+                f"{key} must be one of {listing(row.choices, 60)}, got {brief(repr(value), 40)}{did_you_mean(value, row.choices)}"
             )
         return value
 

@@ -13,6 +13,8 @@ ROOM = 110
 """Largest number of characters of a list inside a message, which has at most 200."""
 MOST_JOINTS = 6
 """Largest number of joints that a message lists one by one."""
+MOST_RUNS = 3
+"""Largest number of runs of joints, such as 1 to 6, that a message lists."""
 FEW_NAMES = 12
 """Largest number of names that a message lists in full; otherwise it shows the most similar ones."""
 
@@ -42,10 +44,10 @@ def known_names(word: str, known: Sequence[str], noun: str) -> str:
     """
     if len(known) <= FEW_NAMES:
         there = f"the {noun}s are" if len(known) > 1 else "the only one is"
-        return f"{there} {listing(known)}{did_you_mean(word, known)}"
+        return f"{there} {listing(known, 36)}{did_you_mean(word, known)}"
     near = _near(word, known, 3)
-    hint = f"; the nearest are {listing(near)}" if len(near) > 1 else did_you_mean(word, known)
-    return f"there are {len(known)} {noun}s{hint or f', such as {listing(known[:3])}'}"
+    hint = f"; the nearest are {listing(near, 36)}" if len(near) > 1 else did_you_mean(word, known)
+    return f"there are {len(known)} {noun}s{hint or f', such as {listing(known[:3], 36)}'}"
 
 
 def _near(word: str, known: Iterable[str], count: int) -> list[str]:
@@ -56,9 +58,9 @@ def _near(word: str, known: Iterable[str], count: int) -> list[str]:
     return [folded[name] for name in difflib.get_close_matches(word.lower(), folded, n=count, cutoff=0.6)]
 
 
-def listing(names: Iterable[object]) -> str:
+def listing(names: Iterable[object], room: int = ROOM) -> str:
     """Return names as quoted text for a message: ``'a', 'b', 3``; of a long list the first, as `series`."""
-    return series(repr(name) for name in names)
+    return series((repr(name) for name in names), room)
 
 
 def brief(text: str, room: int = 60) -> str:
@@ -102,6 +104,8 @@ def joints_text(joints: Iterable[int]) -> str:
         names = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
         if len(names) == 1:
             return f"joints {names[0]}"
+        if len(names) > MOST_RUNS:
+            return f"joints {', '.join(names[:MOST_RUNS])} and {len(numbers) - sum(map(len, runs[:MOST_RUNS]))} more"
     return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from .._tools.files import check_output, write_atomically
-from .._tools.words import did_you_mean, listing
+from .._tools.words import did_you_mean, listing, series
 from ..errors import ExampleError
 
 FOLDER = Path(__file__).parents[1] / "packaged" / "examples"
@@ -66,7 +66,7 @@ def _example(name: str) -> Path:
     known = packaged_examples()
     if name not in known:
         near = did_you_mean(name, known)
-        raise ExampleError(f"there is no example {name!r}{near} (there are: {', '.join(known)})")
+        raise ExampleError(f"there is no example {name!r}{near} (there are: {series(known, 60)})")
     return FOLDER / name
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 from ..signal.spectrum import spectrum
 
 LARGEST_LOSS = 0.02
@@ -55,7 +55,7 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
 
 
 def _too_slow(recording: Recording, sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:
-    return said(
+    return worded(
         kind="too-slow",
         sentence=f"recording '{recording.name}': {sentence}",
         advice=advice,

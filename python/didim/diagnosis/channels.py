@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array, true_ranges
+from .._tools.words import counted, joints_text, series
 from ..evidence.torques import is_constant
 from ..log.recording import Recording
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 
 ROUNDING = 1e-12
 """Largest difference of two equal samples, as a share of the largest value: converting back to the columns rounds."""
@@ -73,7 +74,7 @@ class Channel:
 
     def finding(self, **more: Any) -> Finding:
         """Make a finding on this channel."""
-        return said(
+        return worded(
             recording=self.recording.name,
             file=self.file,
             column=self.column,
@@ -187,10 +188,11 @@ def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) 
         time = sample / recording.rate_hz
         if len(at) > 1:
             joints = tuple(channel.number for channel in at)
+            jumping = joints_text(joint - 1 for joint in joints).replace("joint", at[0].side)
             reported.append(
-                said(
+                worded(
                     kind="gap",
-                    sentence=f"the positions of {at[0].side}s {', '.join(map(str, joints))} jump together behind sample "
+                    sentence=f"the positions of {jumping} jump together behind sample "
                     f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
                     advice="Recover the lost samples, or use the stretches before and after as two windows with windows_s",
                     recording=recording.name,
@@ -228,13 +230,13 @@ def _clipped(channel: Channel) -> list[Finding]:
             findings.append((sign * top, count, int(np.argmax(at_top))))
     if not findings:
         return []
-    limits = " and ".join(f"{value:.6g}" for value, _, _ in findings)
+    limits = series((f"{value:.6g}" for value, _, _ in findings), 30)
     total = sum(count for _, count, _ in findings)
     first = min(sample for _, _, sample in findings)
     return [
         channel.finding(
             kind="clipped",
-            sentence=f"{channel} is clipped at {limits}: {total} samples have that value, the first of them sample {first}",
+            sentence=f"{channel} is clipped at {limits} in {counted(total, 'sample')}, first in sample {first}",
             advice="Move more slowly or raise the limit of the drive or of the logger; until then exclude these times "
             "with windows_s, because the torque there is wrong",
             sample=first,

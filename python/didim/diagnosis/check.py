@@ -36,7 +36,7 @@ from ..methods.job import Job
 from ..methods.positions.prospect import prospect
 from ..regression.linear_system import check_squares
 from ..regression.logs.load import load_beyond
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 from ..result.identification import Identification
 from ..signal.decimation import least_samples
 from ..signal.processing import SignalProcessing
@@ -138,7 +138,7 @@ def _checked(
     without = [recording.name for recording in experiment.recordings if recording.tau is None]
     if without:
         all_findings.append(
-            said(
+            worded(
                 kind="no-torque",
                 sentence=f"recording '{without[0]}' has no torques",
                 advice="Add a table [recording.torque]; only CLOE with its output 'position' does without",
@@ -161,13 +161,13 @@ def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
         lacks, identified = prospect(experiment)
     except DidimError as error:
         return [
-            said(
+            worded(
                 kind="excitation", sentence=str(error), advice="Correct the experiment file, then check again"
             )
         ]
     notes += identified
     return [
-        said(kind="excitation", sentence=sentence, advice=advice, joints=joints)
+        worded(kind="excitation", sentence=sentence, advice=advice, joints=joints)
         for sentence, advice, joints in lacks
     ]
 
@@ -219,7 +219,7 @@ def _standard(experiment: Experiment, parameters: str | Path | Identification | 
 def _unfiltered(error: DidimError) -> list[Finding]:
     """Return the finding of a log that the filters refuse."""
     return [
-        said(
+        worded(
             kind="signal",
             sentence=f"the log cannot be filtered as [signal] says: {error}",
             advice="Choose filters that suit rate and length of the log",
@@ -245,7 +245,7 @@ def _model(
     if job.parameters.n_gains:
         # Currents of joints with gains of their own are not torques of one robot.
         return [
-            said(
+            worded(
                 kind="drive-gain",
                 sentence="the drive gains are to be estimated, so nothing was compared with the model of the robot",
                 advice="Identify them by idim-ls, and check again with gain = [...]"
@@ -265,7 +265,7 @@ def _model(
         rows = LogRows(robot, job.signal, parts, of_fit, logs=job.parameters)
     except (SignalError, FitError) as error:
         advice = "Record longer, or decimate less under [signal]"
-        return [said(kind="excitation", sentence=f"the model cannot be tested: {error}", advice=advice)]
+        return [worded(kind="excitation", sentence=f"the model cannot be tested: {error}", advice=advice)]
     own = [
         *spike_findings(parts, job.signal, FEWEST_SPIKES),
         *check_limits(experiment, parts),

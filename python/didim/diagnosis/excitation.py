@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from .._tools.arrays import Array, rms
-from .._tools.words import joints_text
+from .._tools.words import joints_text, series
 from ..evidence.rows import LogRows
 from ..model.dynamics import regressor
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 
 UNCERTAIN_SHARE = 0.1
 """Torque uncertainty on a rich motion due to one parameter, as a share of the joint's torque, from which it is reported. Logs
@@ -50,22 +50,22 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
         ranges = np.ptp(q[:, resting], axis=0)
         units = "rad" if robot.joint_kinds[resting[0]] == "revolute" else "m"
         moves = "moves" if len(resting) == 1 else "move"
-        shown = ", ".join(f"{value:.2g}" for value in ranges)
+        shown = series((f"{value:.2g}" for value in ranges), 24)
         sentence = (
             f"{joints_text(resting)} hardly {moves} (through {shown} {units}), so this log does not identify "
         )
-        sentence += ", ".join(uncertain)
+        sentence += series(uncertain, 40)
         advice = "Record a motion in which every joint moves, or drop these parameters under [parameters]"
         advice += "; if the joint did move, its encoder is dead" if 0.0 in ranges else ""
     else:
         values = np.linalg.eigvalsh(information / np.sqrt(np.outer(*[np.diag(information)] * 2)))
         with np.errstate(over="ignore"):  # infinite for a direction that the log does not identify
             condition = float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))
-        names = ", ".join(uncertain)
+        names = series(uncertain, 90)
         sentence = f"this log does not separate {names} from others and from noise (condition number {condition:.3g})"
         advice = "Record a richer motion (more configurations and speeds), or drop these parameters under [parameters]"
     joints = tuple(int(joint) + 1 for joint in resting)
-    return [said(kind="excitation", sentence=sentence, advice=advice, joints=joints, parameters=uncertain)]
+    return [worded(kind="excitation", sentence=sentence, advice=advice, joints=joints, parameters=uncertain)]
 
 
 def _shares(

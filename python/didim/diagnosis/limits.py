@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..experiment.experiment import Experiment
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 from ..signal.segments import Segment
 
 ROOM = 1.02
@@ -27,7 +27,7 @@ def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
         if np.ptp(q) > LARGEST_RANGE[kind]:
             turns = f", {np.ptp(q) / (2.0 * np.pi):.3g} turns" if kind == "revolute" else ""
             findings.append(
-                said(
+                worded(
                     kind="range",
                     sentence=f"joint {joint + 1} moves through {np.ptp(q):.4g} {units[0]}{turns}",
                     advice="Look at unit and side of [recording.position]: are these degrees, counts or motor angles?",
@@ -57,7 +57,7 @@ def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
                 )
             wrong = value > SEVERAL * (half if what == "position" else limit)
             findings.append(
-                said(
+                worded(
                     kind="limits",
                     sentence=f"the {what} of joint {joint + 1} reaches {seen:.4g} {unit}, the limit of robot "
                     f"'{robot.name}' is {limit:.4g} {unit}",

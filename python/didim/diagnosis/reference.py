@@ -15,7 +15,7 @@ from .._tools.arrays import Array
 from .._tools.words import joints_text
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 
 SAME = 1e-9
 """Largest ratio of error to motion at which two columns are equal but for rounding."""
@@ -56,7 +56,7 @@ def _recording(recording: Recording) -> Iterator[Finding]:
         if not shifts:
             continue
         value = float(np.median(list(shifts.values())))
-        yield said(
+        yield worded(
             kind="reference",
             sentence=f"the reference of {joints_text(shifts)} in recording '{recording.name}' "
             + _TEXT[what].format(value),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..log.sampling import TimeFault
-from ..result.finding import Finding, said
+from ..result.finding import Finding, worded
 
 MOST_GAPS = 5
 """Largest number of gaps that are reported one by one."""
@@ -30,7 +30,7 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
                 left = len(alike) - len(shown)
                 more = f"; there are {left} more" if left and fault is shown[-1] else ""
                 findings.append(
-                    said(
+                    worded(
                         kind=kinds[kind],
                         sentence=fault.sentence + more,
                         advice=ADVICE[kind],

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from .._tools.arrays import true_ranges
-from ..result.finding import Finding, said
+from .._tools.words import series
+from ..result.finding import Finding, worded
 from ..robot.robot import Robot
 from ..signal.segments import Segment
 
@@ -42,10 +43,10 @@ def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
             shares[joint + 1] = share
     if not shares:
         return []
-    shown = ", ".join(f"{joint} ({100.0 * share:.0f} %)" for joint, share in shares.items())
+    shown = series((f"{joint} ({100.0 * share:.0f} %)" for joint, share in shares.items()), 60)
     prismatic = robot.joint_kinds[next(iter(shares)) - 1] == "prismatic"
     return [
-        said(
+        worded(
             kind="standstill",
             sentence=f"the arm rests in a part of the log, joint{'s' if len(shares) > 1 else ''} {shown}: there the noise "
             "of the velocity decides the sign of the Coulomb friction",

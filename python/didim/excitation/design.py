@@ -13,6 +13,7 @@ import numpy as np
 from .._tools.arrays import Array, relative_percent
 from .._tools.notebook import Printed
 from .._tools.pickling import Pickled
+from .._tools.words import series
 from ..loop.reference import Reference
 from ..robot.robot import Robot
 from .limits import MotionLimits
@@ -153,12 +154,10 @@ class Excitation(Pickled, Printed):
                 (tangled if inflated else faint).append(words)
         if tangled:
             sentences.append(
-                f"weak: {', '.join(tangled)}; other parameters together have nearly the same effect"
+                f"weak: {series(tangled)}; other parameters together have nearly the same effect"
             )
         if faint:
-            sentences.append(
-                f"weak: {', '.join(faint)}; small beside the noise even if all others were known"
-            )
+            sentences.append(f"weak: {series(faint)}; small beside the noise even if all others were known")
         return tuple(sentences)
 
     @property

@@ -66,8 +66,8 @@ def _of_result(fit: Identification, robot: Robot) -> Array:
     if fit.names != names:
         other = next((name for name in names if name not in fit.names), fit.names[-1])
         raise ExcitationError(
-            f"the prior {fit.name!r} is a result for robot {fit.robot!r} with other base parameters than robot "
-            f"{robot.name!r}: {other} is not in both; is it the same robot with the same friction?"
+            f"the prior {fit.name!r} is for robot {fit.robot!r}, and {other} is not a base parameter of both it and "
+            f"{robot.name!r}; do robot and friction differ?"
         )
     estimated = np.flatnonzero([role == "estimated" for role in fit.roles])
     covariance = fit.covariance[np.ix_(estimated, estimated)]

@@ -20,7 +20,7 @@ import numpy as np
 from .._tools.files import check_output, write_atomically
 from .._tools.keys import declared
 from .._tools.toml import Table, quoted
-from .._tools.words import counted, did_you_mean, listing, one_line
+from .._tools.words import counted, did_you_mean, listing, one_line, series
 from ..errors import DidimError, ExperimentError, RobotError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder
@@ -197,7 +197,7 @@ def _check_options(robot: Robot, options: DraftOptions) -> None:
         for word, known in ((table, ("position", "torque", "reference")), (side, ("joint", "motor"))):
             if word not in known:
                 raise ExperimentError(
-                    f"--side takes one of {listing(known)} there, got {word!r}{did_you_mean(word, known)}"
+                    f"--side takes one of {listing(known, 40)} there, got {word!r}{did_you_mean(word, known)}"
                 )
 
 
@@ -328,7 +328,7 @@ def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Dra
     """Return the lines of a fit on positions: fixed links, held commands, the law of the servos, and an unknown delay."""
     limbs = [limb for limb in limbs_of(robot) if len(limb.joints) < robot.n_dof]
     if limbs:
-        names = ", ".join(f"{limb.name} ({counted(len(limb.joints), 'joint')})" for limb in limbs)
+        names = series(f"{limb.name} ({counted(len(limb.joints), 'joint')})" for limb in limbs)
         draft.read.append(f"{counted(len(limbs), 'limb')}, each a problem of its own: {names}")
     draft.read.append(
         "no torques: drives and friction are fitted on positions, links held at the values of the robot file"

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import quoted
-from .._tools.words import counted
+from .._tools.words import brief, counted, series
 from ..errors import ExperimentError
 from ..robot.robot import Robot
 from .draft_columns import Column, name_without_signal
@@ -120,8 +120,8 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
             logs.append((group[0], group[0].path.stem, group[0].path))
             continue
         log = _merged(group, robot)
-        files = ", ".join(
-            f"{source.path.name} ({'/'.join(_kinds(log.columns, k)) or 'not used'})"
+        files = series(
+            f"{source.path.name} ({brief('/'.join(_kinds(log.columns, k)), 40) or 'not used'})"
             for k, source in enumerate(group)
         )
         notes.append(f"{counted(len(group), 'file')} are signals of one recording: {files}")

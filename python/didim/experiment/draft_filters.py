@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import DidimError
 from ..log.recording import Recording
 from ..regression.linear_system import LinearSystem, linear_system
@@ -123,7 +123,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
 
 
 def _row(numbers: Sequence[str]) -> str:
-    return f"{', '.join(numbers[:-1])} and {numbers[-1]}" if len(numbers) > 1 else numbers[0]
+    return f"{series(numbers[:-1], 20)} and {numbers[-1]}" if len(numbers) > 1 else numbers[0]
 
 
 def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:

@@ -336,7 +336,7 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
     """
     if kind not in WORDS:
         raise ExperimentError(
-            f"--columns: {kind!r} is not a kind of signal; known are {listing(WORDS)}{did_you_mean(kind, WORDS)}"
+            f"--columns: {kind!r} is not a kind of signal; known are {listing(WORDS, 60)}{did_you_mean(kind, WORDS)}"
         )
     file, colon, columns = text.partition(":")
     meant = [source for source in sources if colon and file in (source.path.name, source.path.stem)]

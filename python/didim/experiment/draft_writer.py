@@ -182,7 +182,7 @@ class RecordingWriter:
             elif kind == "velocity":  # only as commented lines
                 return []
             else:
-                names = "; ".join(listed(group) for group in whole)
+                names = brief("; ".join(listed(group) for group in whole), 90)
                 self._ask(
                     f"several groups of columns may be the {kind}s ({names}): choose one with --columns {kind}=..."
                 )
@@ -292,24 +292,21 @@ class RecordingWriter:
     def _missing(self, table: str, wanted: str) -> list[str]:
         n = self.robot.n_dof
         names = quoted([str(column.name) for column in self.source.columns][: 3 * n])
-        option = (
-            f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
-        )
+        option = f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... (or current), "
         blocks = self._open_blocks() or self._other_count(wanted)
         if self.source.joints:
             known = series(self.source.joints, 60)
             self._ask(
                 f"which of the log's joints {known} are the {counted(n, 'joint')} of the robot? "
-                "Answer with their names in order, --columns position=JOINT,JOINT,..."
+                "Name them in order: --columns position=JOINT,JOINT,..."
             )
             names = quoted(list(self.source.joints))
         else:
             servos = self._offers(wanted) and not blocks
-            servo = "; or give --kp and --kv of servos (fit on positions)" if servos else ""
-            self._ask(
-                f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
-                f"or fill in [recording.{table}]{servo}"
-            )
+            also = "; or give --kp and --kv of servos (fit on positions)" if servos else blocks
+            question = f"which columns hold the {wanted}s of the {counted(n, 'joint')}"
+            answer = f"Give {option}or fill in [recording.{table}]"
+            self._ask(f"{question}? {answer}{also}" if servos else f"{question}{also}? {answer}")
         return [
             f"# [recording.{table}] # which {counted(n, 'column')} hold the {wanted}s? There are {names[1:-1]}",
             *(f"# {line}" for line in self.source.keys),
@@ -328,7 +325,7 @@ class RecordingWriter:
         for kind in kinds:
             there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
-                return f", where the log has {counted(len(there), kind)} ({brief(listed(there), 20)}): is it of another robot"
+                return f"; the log has {counted(len(there), kind)}: of another robot"
         return ""
 
     def _open_blocks(self) -> str:
@@ -342,7 +339,7 @@ class RecordingWriter:
         tables = [
             f"{group[0].name}-{group[-1].name}" for group in blocks.values() if len(group) == self.robot.n_dof
         ]
-        return f" ({' or '.join(tables)})" if tables else ""
+        return f" ({brief(' or '.join(tables), 50)})" if tables else ""
 
     def _of_motors(self, table: str, columns: list[Column]) -> bool:
         """Whether values are on the motor side, by the user's options or the names of the columns."""
@@ -365,8 +362,8 @@ class RecordingWriter:
         if len(wrong):
             row, column = (int(index) for index in wrong[0])
             raise RecordingError(
-                f"{self.source.place(columns[column], row + 1)}, is {values[row, column]:.6g}, where {100 * USUAL_SHARE:g} % "
-                f"of the values are within {usual[column]:.3g} of their median: is a line cut, or two run together?"
+                f"{self.source.place(columns[column], row + 1)}, is {values[row, column]:.6g}, and {100 * USUAL_SHARE:g} % of the "
+                f"values are within {usual[column]:.3g} of their median: is a line cut?"
             )
         return values
 
@@ -391,7 +388,7 @@ class RecordingWriter:
             units = ["deg" if unit == "rad" else unit for unit in units]
         unit = quoted(units[0] if len(set(units)) == 1 else units)
         ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
-        self._tell(f"{table} {listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        self._tell(f"{table} {listed(columns)} in {brief('/'.join(dict.fromkeys(units)), 30)}")
         lines = [f"[recording.{table}] # ranges: {ranges}", *self.source.lines(columns, self.robot)]
         lines.append(f"unit = {unit}" + ("" if sure else " # confirm"))
         if "count" in units:
@@ -419,7 +416,7 @@ class RecordingWriter:
         sure = all(column.unit in ("N.m", "N", "A") for column in columns)
         values = self._plausible(columns)
         largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
-        self._tell(f"torque {listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        self._tell(f"torque {listed(columns)} in {brief('/'.join(dict.fromkeys(units)), 30)}")
         lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
         lines.append(
             f"unit = {quoted(units[0] if len(set(units)) == 1 else units)}" + ("" if sure else " # confirm")

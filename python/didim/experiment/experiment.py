@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.notebook import page
+from .._tools.words import series
 from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.controller import Controller
@@ -173,8 +174,9 @@ class Experiment:
         return replace(made, signal=filters.signal, remarks=(*made.remarks, note))
 
     def __repr__(self) -> str:
-        named = ", ".join(
-            f"{recording.name!r} {recording.t[-1] - recording.t[0]:g} s" for recording in self.recordings
+        named = series(
+            (f"{recording.name!r} {recording.t[-1] - recording.t[0]:g} s" for recording in self.recordings),
+            90,
         )
         return f"<Experiment {self.name!r}: robot {self.robot.name!r}, {named or 'no recording'}>"
 

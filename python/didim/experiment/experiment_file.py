@@ -16,6 +16,7 @@ from .._tools.inputs import read_small_file
 from .._tools.keys import declared
 from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
+from .._tools.words import series
 from ..errors import ExperimentError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder, expanded
@@ -240,8 +241,8 @@ def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
     if not recipe or not lacking or "signal" not in content:
         return ()
     return (
-        f"[signal] has {recipe[0]} and lacks {' and '.join(lacking)}: the defaults are others since 0.1.0, "
-        "whose digits (and MATLAB's) need this; to write the keys ends this note",
+        f"[signal] has {recipe[0]} and lacks {series(lacking, 80)}, the defaults of 0.1.0 that its digits need; "
+        "write them to end this note",
     )
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.toml import Table
+from .._tools.words import series
 from ..errors import DidimError, ExperimentError
 from ..log.units import POSITION, has_joint_values, joint_values
 from ..loop.controller import Controller, Digital
@@ -86,7 +87,7 @@ def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
     units = ["si"] if len(kinds) == 2 else (["rad", "deg"] if kinds == {"revolute"} else ["m", "mm"])
     given = [unit for unit in units if table.has(f"{key}_{unit}")]
     if len(given) != 1:
-        table.fail(f"give one of {', '.join(f'{key}_{unit}' for unit in units)}")
+        table.fail(f"give one of {series((f'{key}_{unit}' for unit in units), 60)}")
     return POSITION.get(given[0], 1.0), given[0]
 
 
@@ -111,7 +112,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     }
     given = [key for key in _SATURATION if table.has(key)]
     if len(given) > 1:
-        table.fail(f"give one of {' and '.join(given)}: the unit of the controller's output")
+        table.fail(f"give one of {series(given, 80)}: the unit of the controller's output")
     if given:
         options["saturation"] = table.spread(given[0], n)
     elif "saturation" in own and "gain" not in settings:  # the output is in N.m

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .._tools.toml import Table
+from .._tools.words import series
 from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 
@@ -81,7 +82,7 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
     unknown = {}
     for kind in table.content:
         if kind not in DRIVE + others:
-            table.fail(f"there is no unknown {kind!r}; there are {', '.join(DRIVE + others)}")
+            table.fail(f"there is no unknown {kind!r}; there are {series(DRIVE + others)}")
         part = table.table(kind)
         low, high = RANGES.get(kind, (-math.inf, math.inf))
         low, high = part.number("min", low), part.number("max", high)

@@ -224,12 +224,8 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
 def _check_body(link: str, pseudo: Array) -> None:
     reason = why_no_body(pseudo)
     if reason is not None:
-        hint = ""
-        if not pseudo[3, 3]:
-            hint = " (base parameters alone give no masses)"
-        raise FitError(
-            f"link {link!r} is not a body: {reason}{hint}; export physically consistent parameters"
-        )
+        reason = reason if pseudo[3, 3] else "its mass is 0 kg (base parameters alone give no masses)"
+        raise FitError(f"link {link!r} is not a body: {reason}; export physically consistent parameters")
 
 
 def _check_drive(body: LinkBody) -> None:
@@ -318,14 +314,14 @@ def lost_friction(
         missed = series((f"{joint} {value:.2g}" for joint, value in joints.items() if value > 0.0), 40)
         fastest, slide = FASTEST.values()
         lost.append(
-            f"{series(lined, 40)} are a line of viscous and Coulomb friction in the file"
-            + (f", off by up to (N.m, N) {missed} below {fastest:g} rad/s ({slide:g} m/s)" if missed else "")
+            f"{series(lined, 28)} are viscous and Coulomb friction in the file"
+            + (f", off by (N.m, N) {missed} below {fastest:g} rad/s ({slide:g} m/s)" if missed else "")
         )
     others = [
         name for name, value in values.items() if value and not PLACED.fullmatch(name) and name not in lined
     ]
     if others:
-        lost.append(f"{', '.join(others)} are left out: no format has a place for such friction and springs")
+        lost.append(f"{series(others)} are left out: no format has a place for such friction and springs")
     return lost
 
 
@@ -354,7 +350,7 @@ def _left_out(
     ]
     if offsets:
         sentences.append(
-            f"the torque offsets of {', '.join(offsets)} are left out: no format can represent them"
+            f"the torque offsets of {series(offsets)} are left out: no format can represent them"
         )
     sentences += lost_friction(values, robot.friction.terms, dict(zip(joints, missed, strict=True)))
     if robot.friction.model == "asymmetric":

@@ -80,7 +80,7 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
     sentences = list(drives.sentences)
     if motors:
         sentences.append(
-            f"{listing(motors)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
+            f"{listing(motors, 60)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
         )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []

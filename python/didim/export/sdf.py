@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from .._tools.words import series
 from ..errors import FitError
 from ..robot.rigid_body import central, roll_pitch_yaw
 from ..robot.robot import Robot
@@ -72,11 +73,11 @@ def no_drives(model: ExportModel, format_name: str) -> list[str]:
     sentences = []
     springs = [f"{link.joint} {link.stiffness:.4g}" for link in model.links if link.stiffness]
     if springs and format_name != "SDF":
-        sentences.append(f"{format_name} has no place for springs (N.m/rad or N/m): {', '.join(springs)}")
+        sentences.append(f"{format_name} has no place for springs (N.m/rad or N/m): {series(springs)}")
     rotors = [f"{link.joint} {link.rotor:.4g}" for link in model.links if link.rotor]
     if rotors:
-        sentences.append(f"{format_name} has no place for rotor inertias (kg.m^2 or kg): {', '.join(rotors)}")
-    motors = ", ".join(str(motor.number + 1) for motor in model.motors)
+        sentences.append(f"{format_name} has no place for rotor inertias (kg.m^2 or kg): {series(rotors)}")
+    motors = series((str(motor.number + 1) for motor in model.motors), 60)
     if motors:
         sentences.append(
             f"{format_name} has no place for motors that turn several joints: {motors} (MJCF has)"

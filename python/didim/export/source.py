@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.words import series
 from ..errors import FitError
 from ..result.identification import Identification
 from ..robot.friction import Friction
@@ -168,7 +169,7 @@ def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[A
             f"{path.name}: it has parameter {other!r}, which robot {robot.name!r} has not; is it of another robot?"
         )
     left = [name for name in further if values[name]]
-    notes = [f"further friction terms are left out: {', '.join(left)}"] if left else []
+    notes = [f"further friction terms are left out: {series(left)}"] if left else []
     return np.array([values[name] for name in robot.parameter_names]), notes
 
 

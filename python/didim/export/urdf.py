@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
-from .._tools.words import did_you_mean
+from .._tools.words import did_you_mean, series
 from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
@@ -133,9 +133,7 @@ def edits(
                 )
         reason = why_no_body(pseudo)
         if reason is not None:
-            raise FitError(
-                f"link {body.link!r} is not a body without the links that keep their own inertia ({', '.join(untouched)}): {reason}"
-            )
+            raise FitError(f"link {body.link!r} is not a body without {series(untouched, 30)}: {reason}")
         changes.append(_inertial(data, links[body.link], pseudo, newline))
         changes += _dynamics(data, joints[body.joint], body, newline)
     return changes

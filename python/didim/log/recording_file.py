@@ -15,7 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import Table
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
@@ -292,12 +292,12 @@ def _inside(
     """Refuse a window with a gap."""
     for start, stop in windows:
         if not any(first <= start and stop <= last for first, last in between_gaps):
-            there = ", ".join(
-                f"[{first / rate_hz:.6g}, {last / rate_hz:.6g}]" for first, last in between_gaps
+            there = series(
+                (f"[{first / rate_hz:.6g}, {last / rate_hz:.6g}]" for first, last in between_gaps), 50
             )
             table.fail(
                 f"the window [{start / rate_hz:.6g}, {stop / rate_hz:.6g}] s has a gap in it, which resampling does not bridge; "
-                f"there are samples without a gap in {there} s"
+                f"stretches without one: {there} s"
             )
     return windows
 

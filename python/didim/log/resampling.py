@@ -122,8 +122,8 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     rate = _whole(1.0 / period) if rate_hz is None else rate_hz
     if not SLOWEST <= rate * period <= FASTEST:
         raise RecordingError(
-            f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, because the time stamps have {1.0 / period:.6g} Hz; "
-            "leave rate_hz out, and lower its rate with decimation under [signal]"
+            f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, as the time stamps have {1.0 / period:.6g} Hz; "
+            "leave rate_hz out, and lower the rate with decimation under [signal]"
         )
     if (stamps[-1] - stamps[0]) * rate > LONGEST_STRETCH * len(stamps):
         row = int(distinct[int(np.argmax(steps)) + 1])

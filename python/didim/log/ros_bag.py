@@ -18,7 +18,7 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.inputs import check_expanded, check_input
 from .._tools.plugins import optional
-from .._tools.words import counted, did_you_mean, listing
+from .._tools.words import brief, counted, did_you_mean, listing
 from ..errors import RecordingError
 from .data_format import Column
 
@@ -113,7 +113,7 @@ class RosBag:
                 self._fail(f"joints of a bag go by name, got column {column}")
             if column not in known:
                 self._fail(
-                    f"there is no joint {column!r} in topic {self.topic}; it has {listing(known)}{did_you_mean(column, known)}"
+                    f"there is no joint {column!r} in topic {self.topic}; it has {listing(known, 40)}{did_you_mean(column, known)}"
                 )
             self._wanted[column] = None
 
@@ -171,7 +171,7 @@ class RosBag:
             raise
         except Exception as reason:  # a foreign parser may raise anything on bytes of another kind
             self._fail(
-                f"this is not a readable ROS bag ({' '.join(str(reason).split()) or type(reason).__name__})"
+                f"this is not a readable ROS bag ({brief(' '.join(str(reason).split())) or type(reason).__name__})"
             )
         if not channels:
             self._fail(f"topic {self.topic} has no messages")
@@ -193,7 +193,7 @@ class RosBag:
             self._fail(f"topic must say which is meant; there are {listing(sorted(known))}")
         if topic not in types:
             self._fail(
-                f"there is no topic {topic!r}; topics are {listing(sorted(types))}{did_you_mean(topic, types)}"
+                f"there is no topic {topic!r}; topics are {listing(sorted(types), 60)}{did_you_mean(topic, types)}"
             )
         if topic not in known and types[topic] != TRAJECTORY:
             self._fail(

@@ -63,8 +63,8 @@ class FoundFriction:
             before, after = 100.0 * self.choice.held_out_before, 100.0 * self.choice.held_out_after
             terms = [f"{gain.parameter} {100.0 * gain.gain:.1f}" for gain in self.choice.gains]
             sentences.append(
-                f"friction terms that held-out blocks support: {series(terms, 60)} (% of the squared error without each); "
-                f"they lower the error of these blocks from {before:.2f} to {after:.2f} %"
+                f"held-out blocks support the friction terms {series(terms, 60)} (% of the squared error without each); "
+                f"it falls from {before:.2f} to {after:.2f} %"
                 if terms
                 else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, which is more than friction"
                 if self.choice.held_out_before > LARGEST_MISFIT
@@ -89,7 +89,7 @@ class FoundFriction:
                 sentences.append(f"{what}: {series(known, 140)}")
         unknown = [velocity for velocity in self.velocities if not velocity.identified]
         if unknown:
-            names = series(velocity.parameter for velocity in unknown)
+            names = series((velocity.parameter for velocity in unknown), 80)
             roots = self.choice is None and any(velocity.law == "atan" for velocity in unknown)
             cure = "the square root of the speed replaces atan" if roots else "its deviation is not known"
             what = "displacement" if all(velocity.law == "dahl" for velocity in unknown) else "velocity"

@@ -78,7 +78,7 @@ class IDIMIV(DIDIMSettings):
 
 def _with_diagnosis(fit: Identification, solved: Solved) -> Identification:
     """Return the result with the diagnosis of the instruments, in its settings and as remarks."""
-    if solved.kept:  # without an estimate of all parameters there is no result to judge
+    if solved.held:  # without an estimate of all parameters there is no result to judge
         return fit
     names, diagnosis = solved.system.names, instrument_diagnosis(solved.system, solved.fit)
     test = diagnosis.test

@@ -29,7 +29,7 @@ class Row:
         Sentence of `didim methods`.
     needs, gives : str
         Cells of the tables of README.md and docs/choose.md.
-    place : str
+    location : str
         Class of its settings, as "module:Class".
     """
 
@@ -38,7 +38,7 @@ class Row:
     line: str
     needs: str
     gives: str
-    place: str
+    location: str
 
 
 METHODS: dict[str, Row] = {
@@ -50,7 +50,7 @@ METHODS: dict[str, Row] = {
             line="least squares along the measured motion: needs positions and torques alone; the one to begin with",
             needs="positions and torques",
             gives="parameters with standard deviations, from one linear problem, in seconds",
-            place="didim.methods.idim_ls:IDIMLS",
+            location="didim.methods.idim_ls:IDIMLS",
         ),
         Row(
             name="idim-iv",
@@ -59,7 +59,7 @@ METHODS: dict[str, Row] = {
             needs="positions, torques, the reference and the controller",
             gives="IDIM-LS without the bias of noise in the positions, and contrasts that tell a wrong filter from a wrong "
             "controller",
-            place="didim.methods.idim_iv:IDIMIV",
+            location="didim.methods.idim_iv:IDIMIV",
         ),
         Row(
             name="didim",
@@ -68,7 +68,7 @@ METHODS: dict[str, Row] = {
             needs="torques, the reference and the controller",
             gives="physically consistent parameters with standard deviations, from a few simulations, without bias by noisy or "
             "filtered positions",
-            place="didim.methods.didim.didim:DIDIM",
+            location="didim.methods.didim.didim:DIDIM",
         ),
         Row(
             name="cloe",
@@ -76,7 +76,7 @@ METHODS: dict[str, Row] = {
             line="output error of the simulated closed loop, by search: needs [controller], [reference] and a start",
             needs="positions, the reference and the controller",
             gives="the smallest error of the simulated positions, with standard deviations, from hundreds of simulations",
-            place="didim.methods.cloe.cloe:CLOE",
+            location="didim.methods.cloe.cloe:CLOE",
         ),
     )
 }
@@ -104,7 +104,7 @@ def method_class(name: str) -> Any:
     FitError
         For an unknown name, with a list of the known ones, or an object that is not a method (``test_plugins.py``).
     """
-    made = named(name, {row.name: row.place for row in METHODS.values()}, "method", FitError)
+    made = named(name, {row.name: row.location for row in METHODS.values()}, "method", FitError)
     if not (inspect.isclass(made) and callable(getattr(made, "run", None))):
         raise FitError(f"method '{name}' must be a class of settings with `name` and `run`, got {made!r}")
     return made

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from typing import Any
 
+from .._tools.words import brief
 from ..errors import StudyError
 from .executors import Pool
 
@@ -169,7 +170,7 @@ class _Run:
     def _count_loss(self, reason: BaseException) -> str:
         """Return the reason as text, or raise if no worker has ever returned a result."""
         self._losses += 1
-        text = " ".join(f"{type(reason).__name__}: {reason}".split())
+        text = brief(" ".join(f"{type(reason).__name__}: {reason}".split()), 120)
         if not self._results and self._losses >= FIRST_LOSSES:
             raise StudyError(f"no worker of {self._pool.name} has run a task: {text}") from reason
         return text

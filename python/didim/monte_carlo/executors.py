@@ -19,6 +19,7 @@ from typing import Any
 from .._tools.plugins import optional
 from .._tools.settings import whole
 from .._tools.threads import NUMPY_VARIABLES, VARIABLE
+from .._tools.words import series
 from ..errors import StudyError
 
 NAMES = ("process", "thread", "serial", "loky", "dask", "ray", "mpi")
@@ -89,7 +90,7 @@ def pool(
         )
         return
     if executor not in NAMES:
-        raise StudyError(f"there is no executor {executor!r} (there are: {', '.join(NAMES)})")
+        raise StudyError(f"there is no executor {executor!r} (there are: {series(NAMES)})")
     own = workers or _cores()
     with worker_environment(), contextlib.ExitStack() as stack:
         if executor == "process":

@@ -13,7 +13,7 @@ from pathlib import Path
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
 from .._tools.plugins import optional
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import StudyError
 from .figures import Estimate, Figures, figures_of
 from .rows import Row, Rows, read_rows
@@ -141,9 +141,7 @@ class StudyResults(Printed):
         why = f" ({reasons[0]})" if reasons else ""
         runs = sum(row["scenario"] in lost for row in self.rows.fits.values())
         left = f"; {counted(runs, 'run')} not in this table" if runs else ""
-        return (
-            f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}{why}{left}"
-        )
+        return f"{counted(len(lost), 'scenario')} without the row of the truth: {series(lost, 60)}{why}{left}"
 
     def __str__(self) -> str:
         return "\n".join(study_lines(self.name, self.figures, self.missing(), self.head))

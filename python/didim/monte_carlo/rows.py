@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from .._tools.inputs import read_file
-from .._tools.words import counted
+from .._tools.words import brief, counted, series
 from ..errors import StudyError
 from ..result.status import Status
 from .worker import ERROR, FAILED, LOST, SEAL, TRUTH, seal_of
@@ -181,8 +181,7 @@ def _places(lines: list[int]) -> str:
     """Return numbers of lines as the subject of a sentence."""
     if len(lines) == 1:
         return f"line {lines[0]} is"
-    more = f" and {len(lines) - 3} more" if len(lines) > 3 else ""
-    return f"lines {', '.join(map(str, lines[:3]))}{more} are"
+    return f"lines {series(map(str, lines), 20)} are"
 
 
 def _sorted(rows: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
@@ -275,8 +274,7 @@ def _check(row: Row, kinds: dict[str, str], where: str) -> None:
 
 
 def _shown(value: object) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 40 else text[:40] + "..."
+    return brief(json.dumps(value), 43)
 
 
 def _check_row(row: Row, where: str) -> None:

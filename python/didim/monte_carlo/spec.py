@@ -14,7 +14,7 @@ from .._tools.keys import declared
 from .._tools.plugins import places, search, source_digest
 from .._tools.settings import whole
 from .._tools.toml import Table, read_toml
-from .._tools.words import listing
+from .._tools.words import brief, listing
 from ..errors import ExperimentError, RobotError, StudyError
 from ..experiment.experiment_file import robot_place
 from ..robot.robot_file import PACKAGED as ROBOTS
@@ -313,17 +313,19 @@ def _method(table: Table, entry: object) -> MethodSpec:
     )
     name = settings.pop("name", None)
     if not isinstance(name, str):
-        table.fail(f"a method must be a name, or a table with a name, got {entry!r}")
+        table.fail(f"a method must be a name, or a table with a name, got {brief(repr(entry))}")
     label, seeds = settings.pop("label", None), settings.pop("seeds", None)
     keys = {key: settings.pop(key) for key in list(settings) if "." in key}
     if label is None:
         details = ", ".join(f"{key} = {_short(value)}" for key, value in {**settings, **keys}.items())
         label = f"{name} ({details})" if details else name
     if not isinstance(label, str) or not label:
-        table.fail(f"label of method {name!r} must be a text, got {label!r}")
+        table.fail(f"label of method {name!r} must be a text, got {brief(repr(label))}")
     if seeds is not None:
         key = declared("study", "repeat").rows["seeds"]
-        seeds = whole(f"seeds of method {label!r}", seeds, StudyError, least=key.minimum, most=key.maximum)
+        seeds = whole(
+            f"seeds of method {brief(label)!r}", seeds, StudyError, least=key.minimum, most=key.maximum
+        )
     return MethodSpec(label=label, name=name, settings=settings, keys=keys, seeds=seeds)
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import FitError
 from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import row_values
@@ -81,7 +81,7 @@ class DelayEstimate:
     def __str__(self) -> str:
         """Return the estimate in words."""
         if self.differs:
-            joints = ", ".join(f"{value:+.2f}" for value in self.joints)
+            joints = series((f"{value:+.2f}" for value in self.joints), 60)
             return f"torque recorded {joints} samples after the motion, joint by joint, by estimate"
         if self.samples == 0.0:
             return f"no delay of the torque is significant: 0 +- {self.std_samples:.2g} samples, by estimate"
@@ -110,7 +110,7 @@ def estimate_delay(
     signal: SignalProcessing,
     observe: Callable[[Sequence[Segment]], Observed],
     torque: Callable[[Segment, Array], Array],
-    moved: Moved | None = None,
+    rows_by_shift: Moved | None = None,
     *,
     hold_s: float = 0.0,
     declared: Shift = 0.0,
@@ -128,7 +128,7 @@ def estimate_delay(
         Function that returns the weighted system of segments.
     torque : callable
         Function that returns the model torques of a segment for a solution, (n_samples, n_dof).
-    moved : dict, optional
+    rows_by_shift : dict, optional
         Decimated torques by their shift, to be shared by searches in the same torques along differently filtered motion.
     hold_s : float
         Sample time of a digital controller, whose hold does not count as delay; zero for none.
@@ -155,7 +155,7 @@ def estimate_delay(
     """
     rates = {part.rate_hz for part in parts}
     if len(rates) > 1:
-        shown = ", ".join(f"{rate:g}" for rate in sorted(rates))
+        shown = series((f"{rate:g}" for rate in sorted(rates)), 60)
         raise FitError(f"a delay in samples needs recordings of one rate, got {shown} Hz")
     rate = rates.pop()
     reach = max(2, round(reach_s * rate))
@@ -165,7 +165,9 @@ def estimate_delay(
             f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} samples"
         )
     hold = hold_samples(hold_s, rate)
-    search = _Search(parts, signal, reach + REACH_MARGIN, observe, {} if moved is None else moved)
+    search = _Search(
+        parts, signal, reach + REACH_MARGIN, observe, {} if rows_by_shift is None else rows_by_shift
+    )
     whole = search.best(reach + 1)
     if abs(whole) > reach:
         raise FitError(
@@ -198,9 +200,9 @@ class _Search:
         signal: SignalProcessing,
         margin: int,
         observe: Callable[[Sequence[Segment]], Observed],
-        moved: Moved,
+        rows_by_shift: Moved,
     ) -> None:
-        self.parts, self.signal, self.margin, self.moved = parts, signal, margin, moved
+        self.parts, self.signal, self.margin, self.rows_by_shift = parts, signal, margin, rows_by_shift
         self.inner = [part.cut(slice(margin, part.q.shape[0] - margin)) for part in parts]
         observed = observe(self.inner)
         self.system, self.weights, self.solution = observed.system, observed.weights, observed.solution
@@ -239,12 +241,12 @@ class _Search:
         # Larger delays are clipped, because there are no torques beyond the margin.
         shift = np.clip(shift, 2.0 - self.margin, self.margin - 2.0)
         key = shift.tobytes()
-        if key not in self.moved:
+        if key not in self.rows_by_shift:
             rows = self._moved(shift)
-            if (len(self.moved) + 1) * rows.nbytes > MOST_BYTES:
-                self.moved.clear()
-            self.moved[key] = rows
-        return np.asarray(self.weights * (self.moved[key] - self.known))
+            if (len(self.rows_by_shift) + 1) * rows.nbytes > MOST_BYTES:
+                self.rows_by_shift.clear()
+            self.rows_by_shift[key] = rows
+        return np.asarray(self.weights * (self.rows_by_shift[key] - self.known))
 
     def _moved(self, shift: Array) -> Array:
         """Return the decimated torques of the inner segments, moved back, rows joint by joint."""

@@ -231,8 +231,8 @@ def dependence_sentence(
             for column, coefficient in coefficients
             if abs(coefficient) > NEGLIGIBLE_COEFFICIENT
         ]
-        texts.append(f"{names[index]} = {' '.join(terms).lstrip('+')}" if terms else f"{names[index]} = 0")
-    shown = series((brief(text, 40) for text in texts), 70)
+        texts.append(f"{names[index]} = {brief(' '.join(terms).lstrip('+') or '0', 34)}")
+    shown = series(texts, 50)
     return (
         f"the log does not separate {len(dependent)} of {len(names)} parameters (columns of W: {shown}); excite them, or fix or "
         "drop them under [parameters]"

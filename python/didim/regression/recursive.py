@@ -12,6 +12,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, quotient, real_array
 from .._tools.settings import whole
+from .._tools.words import series
 from ..errors import CoreErrorsAs, FitError, RankError, ShapeError
 from ..robot.robot import Robot
 from .least_squares import dependence_sentence
@@ -136,7 +137,7 @@ class Recursive:
         if any(values.shape != torque.shape for values in motion):
             raise ShapeError(
                 f"q, dq, ddq and tau must have the same number of samples, got "
-                f"{', '.join(str(len(values)) for values in (*motion, torque))}"
+                f"{series(str(len(values)) for values in (*motion, torque))}"
             )
         if not len(torque):
             return

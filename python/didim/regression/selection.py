@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.words import did_you_mean
+from .._tools.words import did_you_mean, series
 from ..errors import FitError
 from ..robot.robot import Robot
 
@@ -120,7 +120,7 @@ def _index(robot: Robot, name: str) -> int:
         column = base.matrix[:, robot.parameter_names.index(name)]
         into = [base.names[row] for row in np.flatnonzero(column)]
         raise FitError(
-            f"{name} is a standard parameter of robot '{robot.name}' that regroups into {', '.join(into)}: "
+            f"{name} is a standard parameter of robot '{robot.name}' that regroups into {series(into, 40)}: "
             "fix or drop base parameters"
         )
     hint = did_you_mean(name, base.names) or f"; `didim base {robot.name}` lists them"

@@ -11,7 +11,7 @@ from ..methods.table import title_of
 from ..plot.style import percent
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
-from ..studies.comparison import Comparison, duration, ending, off_rms, sentence
+from ..studies.comparison import Comparison, duration, ending, off_rms, sentences
 from ..studies.prediction import predict
 from .fit import aligned_rows, provenance_section, robot_section, well_identified
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
@@ -33,7 +33,7 @@ def comparison_page(comparison: Comparison) -> str:
         verdict(
             level,
             f"{title_of(subject.method)}: {badge}",
-            sentence(comparison),
+            " ".join(sentences(comparison)),
             _tiles(comparison),
             (*comparison.notes, *comparison.remarks),
         ),
@@ -90,17 +90,18 @@ def _cost_section(comparison: Comparison) -> Html:
         ]
         for method, fit in fits.items()
     ]
+    start, truth = (comparison.norms.get(name) for name in ("start", "truth"))
+    norms = (
+        ""
+        if start is None or truth is None
+        else f"; {start:.3g} at the start of CLOE, {truth:.3g} at the truth"
+    )
     return section(
         "Cost and errors",
         paragraph(
             "Off: estimate less truth in standard deviations of the method itself; its rms over all parameters is near 1 where "
             f"sigma is honest. Well identified: sigma below {WELL_IDENTIFIED_PERCENT:.0f} %. Norm (19): of the position errors "
-            "of the simulated closed loop"
-            + (
-                f"; {comparison.norms['start']:.3g} at the start of CLOE, {comparison.norms['truth']:.3g} at the truth."
-                if {"start", "truth"} <= set(comparison.norms)
-                else "."
-            )
+            f"of the simulated closed loop{norms}."
         ),
         table(head, rows, numbers=range(1, 6)),
         table(

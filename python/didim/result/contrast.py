@@ -18,7 +18,7 @@ import numpy as np
 from .._tools.arrays import Array, quotient
 from .._tools.notebook import Printed
 from .._tools.saved import plain, rows
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import FitError
 from .identification import Identification
 from .uncertainty import student_factor
@@ -110,17 +110,16 @@ class Contrast(Printed):
 
     def __str__(self) -> str:
         head = (
-            f"{self.second} less {self.first}: rms {self.rms:.2f} of its own deviations, {self.rms_in_sigma:.2g} sigma of "
+            f"{self.second} less {self.first}: rms {self.rms:.2f} deviations, {self.rms_in_sigma:.2g} sigma of "
             f"{self.first}; bound for {counted(len(self.names), 'parameter')} {self.bound:.2f}"
         )
         if self.agree:
             return f"{head}: no difference beyond chance."
         sizes = dict(zip(self.names, np.abs([self.ratios, self.in_sigma]).T, strict=True))
-        shown = [
-            f"{name} ({sizes[name][0]:.1f}, {sizes[name][1]:.2g} sigma)" for name in self.beyond[:MOST_NAMED]
-        ]
-        more = len(self.beyond) - len(shown)
-        return f"{head}: beyond it {', '.join(shown)}{f' and {more} more' if more else ''}."
+        shown = series(
+            (f"{name} ({sizes[name][0]:.1f}, {sizes[name][1]:.2g} sigma)" for name in self.beyond), 44
+        )
+        return f"{head}: beyond it {shown}."
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists, numbers and strings."""
@@ -219,17 +218,16 @@ def reading(contrasts: Sequence[Contrast]) -> str:
     # A difference far below the standard deviations does not discredit the controller, even if it is significant.
     wrong_controller = controller is not None and bool(controller.large)
     if wrong_filter and filters is not None:
-        names = ", ".join(filters.beyond[:MOST_NAMED])
+        names = series(filters.beyond, 40)
         return (
-            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix of the measured motion is wrong; raise the cut-off or "
-            "check friction near standstill, and compare again"
-            + (" before judging the controller" if wrong_controller else "")
+            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix is wrong; raise the cut-off or check friction near "
+            "standstill" + (", before judging the controller" if wrong_controller else "")
         )
     if wrong_controller and controller is not None:
-        names = ", ".join(controller.large[:MOST_NAMED])
+        names = series(controller.large, 30)
         return (
-            f"DIDIM differs from IDIM-IV in {names}, IDIM-IV agrees with IDIM-LS: the simulated closed loop is not the real one; "
-            "check the controller and the reference, and use IDIM-IV or IDIM-LS"
+            f"DIDIM differs from IDIM-IV in {names}, IDIM-IV agrees with IDIM-LS: the simulated loop is wrong; check "
+            "controller and reference, and use IDIM-IV or IDIM-LS"
         )
     return "the estimates agree: the contrasts show no bias by the filter or by the controller"
 

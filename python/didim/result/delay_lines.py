@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from .._tools.words import series
+
 
 def delay_lines(delay: Mapping[str, Any], *, measured: bool) -> list[str]:
     """Return the lines on the delay; `measured` for a fit along measured motion, for which a hold is compensated."""
     lines = []
     compensated = delay.get("compensated_samples", 0.0)
     shown = (
-        ", ".join(f"{value:g}" for value in compensated)
+        series((f"{value:g}" for value in compensated), 60)
         if isinstance(compensated, list)
         else f"{compensated:g}"
     )

@@ -152,7 +152,7 @@ class Finding(Pickled):
         return made
 
 
-def said(
+def worded(
     *,
     kind: str,
     sentence: str,

@@ -65,7 +65,7 @@ def _cause(finding: Finding) -> str:
     first = looks(finding.code, finding.joints, finding.value, facts)
     text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
     if facts.get("friction"):
-        named = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
+        named = series((f"{name} = {value:.3g}" for name, value in facts["friction"].items()), 40)
         return f"{text}: friction would drive the robot ({named})"
     return (
         f"{text}: corrected, {percent(facts['left'])} % of the error remain (geometric mean; {facts['blocks']} of 10 held-out "
@@ -135,7 +135,7 @@ def _controller_gain(f: Finding) -> str:
 
 
 def _saturation(f: Finding) -> str:
-    limits = ", ".join(f"{value:.3g}" for value in f.facts["limits"])
+    limits = series((f"{value:.3g}" for value in f.facts["limits"]), 40)
     return _law(f, f"the torque of {_joints(f)} is limited to {limits} (N.m or N), which is not declared")
 
 
@@ -155,11 +155,11 @@ def _delay(f: Finding) -> str:
     if "gain" in f.facts:  # estimated joint by joint
         effect = f": corrected, the residual is {percent(f.facts['gain'])} % smaller"
     else:
-        effect = f", which moves the parameters by {two_digits(f.effect)} sigma (rms)"
+        effect = f", which moves parameters by {two_digits(f.effect)} sigma rms"
     return (
         f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
         f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion{effect}"
-        + ("; a controller that holds its output leaves half a sample" if f.facts.get("held") else "")
+        + ("; a digital hold leaves half of one" if f.facts.get("held") else "")
     )
 
 
@@ -175,7 +175,7 @@ def _delay_advice(f: Finding) -> str:
 LAWS = {
     "asymmetric": "differs by direction",
     "stribeck": "falls with speed (Stribeck)",
-    "atan": "bends with the speed (arctangent)",
+    "atan": "bends with speed (arctangent)",
     "load": "grows with the load",
     "dahl": "has a memory (Dahl)",
 }
@@ -184,12 +184,10 @@ LAWS = {
 
 def _friction(f: Finding) -> str:
     facts = f.facts
-    included = (
-        "the intervals include that" if facts["included"] else "the intervals are too narrow by as much"
-    )
+    included = "intervals include it" if facts["included"] else "intervals omit it"
     return (
-        f"the friction of {_joints(f)} {LAWS[facts['law']]}, which the model lacks: the parameters move by up to "
-        f"{two_digits(f.effect)} sigma of noise, and {included}"
+        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
+        f"{two_digits(f.effect)} sigma of noise; {included}"
     )
 
 
@@ -204,7 +202,7 @@ def _friction_advice(f: Finding) -> str:
 
 def _model_error(f: Finding) -> str:
     return (
-        f"the errors of {_joints(f)} are up to {_value(f):.2g} times the noise: the model is not exact, and intervals "
+        f"the errors of {_joints(f)} are up to {_value(f):.2g} times the noise: the model is not exact; intervals "
         + (
             "include what another law of friction changes, but no other error"
             if f.facts["widened"]
@@ -215,7 +213,7 @@ def _model_error(f: Finding) -> str:
 
 def _held(f: Finding) -> str:
     limits, times, pushed = f.facts["limits"], f.facts["times"], f.facts["pushed"]
-    ends = " or ".join(f"{limit:.3g}" for limit in limits)
+    ends = series((f"{limit:.3g}" for limit in limits), 16)
     by = [
         *([f"the end of its range ({ends})"] if limits else []),
         *(["a contact"] if f.facts["contact"] else []),
@@ -224,10 +222,10 @@ def _held(f: Finding) -> str:
     begin, end = times[longest]
     of = f" of '{f.facts['of'][longest]}'" if f.facts["of"] else ""
     others = f" and {len(times) - 1} more times" if len(times) > 1 else ""
-    when = f"from {begin:.2f} to {end:.2f} s{of}{others}, {_value(f):.3g} s in all"
+    when = f"from {begin:.2f} to {end:.2f} s{of}{others} ({_value(f):.3g} s)"
     if pushed:
-        return f"something pushes {f.facts['name']} or its errors have another cause {when}: left out, with its limb"
-    return f"{f.facts['name']} is held by {' or '.join(by)} {when}: left out, with its limb"
+        return f"something pushes {f.facts['name']} or its errors have another cause {when}: its limb is left out"
+    return f"{f.facts['name']} is held by {' or '.join(by)} {when}: its limb is left out"
 
 
 def _size(f: Finding) -> str:
@@ -251,7 +249,7 @@ def _uncertain(f: Finding) -> str:
 
 def _constant_torque(f: Finding) -> str:
     if "means" in f.facts:
-        means = ", ".join(f"{value:.3g}" for value in f.facts["means"])
+        means = series((f"{value:.3g}" for value in f.facts["means"]), 30)
         return f"the torque of {_joints(f)} is noise about a constant ({means}) though the joint moves"
     numbers = f.facts["numbers"]
     which = joints_text(number - 1 for number in numbers).replace("joint", f.facts["side"])
@@ -265,9 +263,9 @@ def _constant_torque(f: Finding) -> str:
 
 def _gain_unchecked(f: Finding) -> str:
     one = len(f.joints) == 1
-    shares = ", ".join(f"{100.0 * share:.2g}" for share in f.facts["shares"])
+    shares = series((f"{100.0 * share:.2g}" for share in f.facts["shares"]), 12)
     return (
-        f"the drive gain{'' if one else 's'} of {_joints(f)} cannot be checked by this log: only {shares} % of the torque there "
+        f"the drive gain{'' if one else 's'} of {_joints(f)} cannot be checked by this log: only {shares} % of the torque "
         "depends on parameters that other joints determine"
     )
 

@@ -192,7 +192,7 @@ class Uncertainty(Pickled):
             )
             lines.append(
                 f"{reason}; friction of joint {exchange.joint + 1} ({torque_unit}, 95 %) by speed ({speed_unit}): "
-                f"{series(values, 80)}"
+                f"{series(values, 70)}"
             )
         return lines
 

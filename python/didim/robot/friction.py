@@ -12,6 +12,7 @@ import numpy as np
 from .._tools.plugins import loaded
 from .._tools.saved import restored
 from .._tools.toml import Table
+from .._tools.words import series
 from ..errors import RobotError
 
 Law = Literal[
@@ -147,7 +148,7 @@ class FrictionTerm:
 
     def __post_init__(self) -> None:
         if self.law not in get_args(Law):
-            raise RobotError(f"a friction law is one of {', '.join(get_args(Law))}, got {self.law!r}")
+            raise RobotError(f"a friction law is one of {series(get_args(Law))}, got {self.law!r}")
         if not self.name:
             if self.law == "table":
                 raise RobotError("a friction term of law 'table' needs a name")
@@ -392,9 +393,7 @@ def _own_laws(
             speeds = [numbers[key, kinds[joint]] for key in keys]
             given = [speed for speed in speeds if speed is not None]
             if len(given) < len(keys):
-                part.fail(
-                    f"joint {joint + 1} needs {' and '.join(keys)}, in rad_s or m_s as it turns or slides"
-                )
+                part.fail(f"joint {joint + 1} needs {series(keys)}, in rad_s if it turns, else in m_s")
             if law is not None:
                 own_terms.append(FrictionTerm.from_function(name, joint, law, fastest=given[0]))
             else:

@@ -71,6 +71,6 @@ class RightAngles:
     def suspicion(self, where: str) -> str:
         """Return the sentence on nearly right angles that were not snapped."""
         return (
-            f"{where}: angles are right angles but for {self.suspicious:.1e} rad, which may add base parameters that no log "
-            f"identifies; write all digits or degrees, or load with snap={SUSPICIOUS:g}"
+            f"{where}: angles are up to {self.suspicious:.1e} rad from right angles, which may add base parameters that no log "
+            f"identifies; write all digits or degrees, or take snap={SUSPICIOUS:g}"
         )

@@ -177,7 +177,7 @@ def why_no_body(pseudo: Array) -> str | None:
     excess = moments[2] - moments[0] - moments[1]
     if excess > BODY_TOLERANCE * moments.sum():
         return (
-            "its principal moments of inertia break the triangle inequality "
+            "its moments of inertia break the triangle inequality "
             f"({moments[2]:.4g} > {moments[0]:.4g} + {moments[1]:.4g} kg.m^2)"
         )
     return None

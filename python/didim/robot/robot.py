@@ -19,7 +19,7 @@ from .._tools.keys import declared
 from .._tools.notebook import page
 from .._tools.pickling import Pickled
 from .._tools.toml import Table
-from .._tools.words import counted, did_you_mean
+from .._tools.words import counted, did_you_mean, series
 from ..errors import RobotError
 from .collision import Capsule
 from .correspondence import Correspondence, Origin
@@ -213,7 +213,7 @@ class Robot(Pickled):
         )
         head = ("joint", "kind", "alpha (deg)", "d (m)", "theta (deg)", "r (m)")
         gravity = f"gravity in frame 0: {' '.join(f'{g:g}' for g in geometry.gravity)} m/s^2"
-        sets = f"parameter sets: {', '.join(self.sets)}" if self.sets else ""
+        sets = f"parameter sets: {series(self.sets)}" if self.sets else ""
         return page(
             f"{self.name}: {self.description}", [head, *rows], "\n".join(filter(None, (gravity, sets)))
         )
@@ -347,7 +347,7 @@ class Robot(Pickled):
             When the robot has no such set, or it does not fit the robot's friction.
         """
         if name not in self._named:
-            known = f"{did_you_mean(name, self._named)} (there are: {', '.join(self._named) or 'none'})"
+            known = f"{did_you_mean(name, self._named)} (there are: {series(self._named, 40) or 'none'})"
             raise RobotError(f"{self.path.name}: no parameter set {name!r}{known}")
         return self._vector(name)
 

@@ -16,7 +16,7 @@ from .._tools.inputs import read_small_file
 from .._tools.keys import declared
 from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
-from .._tools.words import did_you_mean
+from .._tools.words import did_you_mean, series
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
 from .correspondence import read_correspondence, read_origins
@@ -145,7 +145,7 @@ def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
     if Path(f"{path}.toml").is_file():
         return f"no packaged robot {path.name!r}; did you mean the file '{path.name}.toml'?"
     near = did_you_mean(path.name, packaged)
-    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml or .urdf"
+    return f"no packaged robot {path.name!r}{near} (there are: {series(packaged, 40)}); a path ends in .toml or .urdf"
 
 
 def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
@@ -329,7 +329,7 @@ def _limits(joint: Table, kind: str) -> JointLimits:
     effort = table.number("torque_n_m" if turn else "force_n", None)
     table.done()
     if position is not None and position[0] >= position[1]:
-        table.fail(f"the lowest position must be below the highest, got {position}")
+        table.fail(f"the lowest position must be below the highest, got {series(map(str, position))}")
     return JointLimits(
         position=None if position is None else (position[0], position[1]), velocity=velocity, effort=effort
     )

@@ -163,7 +163,7 @@ def text_of(comparison: Comparison, *, every: bool = False, width: int = COLUMNS
     if every and comparison.remarks:
         lines += ["Notes:", *(f"  {text}" for text in comparison.remarks), ""]
     lines += [
-        line for text in (sentence(comparison), *comparison.notes) for line in textwrap.wrap(text, width)
+        line for text in (*sentences(comparison), *comparison.notes) for line in textwrap.wrap(text, width)
     ]
     return "\n".join(lines)
 
@@ -269,29 +269,29 @@ def _joint_errors(comparison: Comparison) -> list[str]:
     return lines
 
 
-def sentence(comparison: Comparison) -> str:
-    """Return one sentence on a result, for quotation."""
+def sentences(comparison: Comparison) -> list[str]:
+    """Return the sentences on a result, for quotation."""
     if "didim" not in comparison.fits:
-        return "DIDIM was not run."
+        return ["DIDIM was not run."]
     fit = comparison.fits["didim"]
     if not fit.converged:
-        return f"DIDIM did not converge: {fit.status.value}"
+        return [f"DIDIM did not converge: {fit.status.value}"]
     well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
     worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
-    text = (
+    texts = [
         f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
         f"{counted(fit.n_simulations, 'simulation')} and {duration(fit.elapsed)}; the {int(well.sum())} with a sigma below "
-        f"{WELL_IDENTIFIED_PERCENT:.0f} % are within {worst:.1f} sigma of the truth"
-    )
+        f"{WELL_IDENTIFIED_PERCENT:.0f} % are within {worst:.1f} sigma of the truth."
+    ]
     for method, other in comparison.fits.items():
         if not method.startswith("cloe"):
             continue
         times = other.elapsed / max(fit.elapsed, 1e-9)
-        text += (
-            f"; {title_of(method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
-            f"{duration(other.elapsed)}, {times:.0f} times as long"
+        texts.append(
+            f"{title_of(method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
+            f"{duration(other.elapsed)}, {times:.0f} times as long."
         )
-    return text + "."
+    return texts
 
 
 def _where(comparison: Comparison, method: str) -> str:

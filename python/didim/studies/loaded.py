@@ -9,6 +9,7 @@ import re
 from dataclasses import replace
 
 from .._tools.arrays import Array
+from .._tools.words import series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..methods.start import further_of
@@ -48,8 +49,8 @@ def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> li
     for block in parameters.blocks:
         if block.kind == "payload" and not set(block.full_names) <= set(further):
             raise FitError(
-                f"payload '{block.owner}' is not known: neither the result '{fit.name}' nor the tables [payload] of experiment "
-                f"'{experiment.name}' say all of it; `didim payload` estimates it"
+                f"payload '{block.owner}' is not known: neither the result '{fit.name}' nor [payload] of '{experiment.name}' has "
+                "all of it; `didim payload` estimates it"
             )
     x = parameters.extended(fit.parameters, further)
     return [parameters.standard(x, number) for number in range(len(experiment.recordings))]
@@ -83,8 +84,7 @@ def _shown(owner: str, names: list[str]) -> str:
     """Name the owner of parameters with the first of them; empty for none."""
     if not names:
         return ""
-    left = len(names) - MOST_NAMES
-    return f"{owner} has {', '.join(names[:MOST_NAMES])}" + (f" and {left} more" if left > 0 else "")
+    return f"{owner} has {series(names, 40)}"
 
 
 def unloaded(experiment: Experiment) -> Experiment:

@@ -14,7 +14,7 @@ import numpy as np
 from .._tools.arrays import Array, quotient, rms
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
-from .._tools.words import columned, did_you_mean
+from .._tools.words import columned, did_you_mean, series
 from ..errors import ExperimentError
 from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop, outside_limits
@@ -203,7 +203,7 @@ def _recording(experiment: Experiment, name: str | None) -> Recording | None:
     if name is not None:
         if name not in names:
             raise ExperimentError(
-                f"{experiment.name}: no recording {name!r}{did_you_mean(name, names)} (there are: {', '.join(names) or 'none'})"
+                f"{experiment.name}: no recording {name!r}{did_you_mean(name, names)} (there are: {series(names, 40) or 'none'})"
             )
         return experiment.recordings[names.index(name)]
     own_motion = isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is not None

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.words import series
 from ..errors import ExperimentError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
@@ -40,8 +41,8 @@ def packaged_experiment(robot: str) -> Experiment:
     known = {path.stem: path for path in sorted(PACKAGED.glob("*.toml"))}
     if robot not in known:
         raise ExperimentError(
-            f"there is no packaged experiment for robot {robot!r} (there are: {', '.join(known)}); give an experiment file "
-            "with a [reference], a [controller] and a [measurement]"
+            f"there is no packaged experiment for robot {robot!r} (there are: {series(known, 40)}); give an experiment "
+            "file with [reference], [controller] and [measurement]"
         )
     return load_experiment(known[robot])
 

@@ -14,6 +14,7 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.notebook import Printed
 from .._tools.saved import plain
+from .._tools.words import series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
@@ -133,8 +134,8 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
     other = [key for key, value in here.items() if recorded.get(key, value) != value]
     if other:
         raise FitError(
-            f"the result is for another robot of the same parameters: {', '.join(other)} of robot {robot.name!r} differ from "
-            f"those that the result {fit.name!r} was made with"
+            f"the result {fit.name!r} is for another robot of the same parameters than {robot.name!r}: they differ in "
+            f"{series(other, 40)}"
         )
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
-from ..._tools.words import did_you_mean
+from ..._tools.words import did_you_mean, series
 from .color import titled
 from .messages import message as print_message
 from .width import columns, wrapped
@@ -65,7 +65,7 @@ class Parser(argparse.ArgumentParser):
         """Refuse an invalid choice (commands are choices too), with the most similar one."""
         choices = [str(choice) for choice in action.choices or ()]
         if action.choices is not None and value not in action.choices:
-            hint = f"{did_you_mean(str(value), choices)} (there are: {', '.join(choices)})"
+            hint = f"{did_you_mean(str(value), choices)} (there are: {series(choices, 60)})"
             if isinstance(action, argparse._SubParsersAction):
                 self.error(f"there is no command {value!r}{hint}")
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")

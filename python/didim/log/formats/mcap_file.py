@@ -53,7 +53,7 @@ class McapJsonFile(ArrayFile):
                 rows.setdefault(channel.topic, []).append(content)
         if self._topic is not None and self._topic not in rows:
             self.fail(
-                f"there is no topic {self._topic!r} of JSON; topics are {listing(sorted(rows))}"
+                f"there is no topic {self._topic!r} of JSON; topics are {listing(sorted(rows), 60)}"
                 f"{did_you_mean(self._topic, rows)}"
             )
         chosen = {self._topic: rows[self._topic]} if self._topic is not None else rows

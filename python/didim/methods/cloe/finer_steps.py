@@ -40,14 +40,14 @@ class Corrected(Generic[T]):
         The last candidate.
     errors : (n_rows,) array
         Its weighted errors.
-    moved : float
+    shift : float
         Length of the correction in standard deviations for white noise, an upper bound of that of each parameter.
     """
 
     problem: OutputError
     candidate: T
     errors: Array
-    moved: float
+    shift: float
 
     @property
     def cost(self) -> float:

@@ -100,7 +100,7 @@ class Search:
         self.candidate, self.damping, self.initial = steps.begin(), 1e-3, math.nan
         self.history: list[Iteration] = []
         self.finished = self.accepted = False
-        self.moved: float | None = None
+        self.shift_by_finer_steps: float | None = None
         saved = self.checkpoint.load()
         if saved is not None:
             arrays, numbers, self.history = saved
@@ -190,7 +190,7 @@ class Search:
             return
         end = corrected(self.problem, self.candidate, self.normal, advance, self.steps.point)
         if end is not None:
-            self.problem, self.candidate, self.moved = end.problem, end.candidate, end.moved
+            self.problem, self.candidate, self.shift_by_finer_steps = end.problem, end.candidate, end.shift
             self.errors, self.cost = end.errors, end.cost
 
     def result(self, status: Status) -> Identification:
@@ -211,7 +211,7 @@ class Search:
                 "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if known_noise else None,
                 "cost": self.cost,
                 "initial_cost": self.initial,
-                "moved_by_finer_steps": self.moved,
+                "moved_by_finer_steps": self.shift_by_finer_steps,
             },
             remarks=(*remarks, *spread.remarks),
         )
@@ -359,7 +359,7 @@ def spread_at(
     least, largest = scaled[worst][1][0], max(values[-1] for _, values, _ in scaled)
     if least <= SINGULAR_NORMAL_MATRIX * largest:
         weak = jacobian.parts[worst].columns[np.abs(scaled[worst][2][:, 0]) > 0.1]
-        hardly = series(names[k] for k in weak)
+        hardly = series((names[k] for k in weak), 90)
         remark = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
         return nothing, math.inf, [remark]
     blocks, correlated = problem.blocks(), list[int]()

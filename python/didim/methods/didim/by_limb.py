@@ -42,8 +42,8 @@ LEAST = ("step_length", "largest_safe_step")
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """The place of a limb in the robot.
+class LimbInRobot:
+    """A limb, and its parameters among those of the robot.
 
     Attributes
     ----------
@@ -79,30 +79,30 @@ class Place:
 def iterations_of(method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
     """Return the iterations of a job: limb by limb where limbs share neither motion, parameters nor conditions."""
     together = Iterations.of(method, job, reporter)
-    places = places_of(together.problem)
-    return ByLimb(together.problem, places) if places else together
+    limbs = limbs_in(together.problem)
+    return ByLimb(together.problem, limbs) if limbs else together
 
 
-def places_of(problem: Problem) -> list[Place]:
+def limbs_in(problem: Problem) -> list[LimbInRobot]:
     """Return the limbs that iterate by themselves; none where something is common to all."""
     job, limbs = problem.job, limbs_of(problem.job.robot)
     apart = all(len(window.loop.limbs) == len(limbs) > 1 for window in problem.simulator.windows)
     if not apart or job.solver is not solve or not job.parameters.simple or problem.instrumental:
         return []
     column = {index: k for k, index in enumerate(job.robot.base_parameters.indices)}
-    places = [
-        Place(limb, [column[index] for index in limb.indices[list(limb.robot.base_parameters.indices)]])
+    inside = [
+        LimbInRobot(limb, [column[index] for index in limb.indices[list(limb.robot.base_parameters.indices)]])
         for limb in limbs
     ]
     estimated = set(job.selection.estimated)
-    return places if all(estimated.intersection(place.columns) for place in places) else []
+    return inside if all(estimated.intersection(each.columns) for each in inside) else []
 
 
 class LimbSimulator(LogSimulator):
     """The closed loops of one limb, in the windows of the robot."""
 
-    def __init__(self, whole: LogSimulator, place: Place, job: Job, reporter: Reporter) -> None:
-        self.whole, self.place = whole, place
+    def __init__(self, whole: LogSimulator, limb_in_robot: LimbInRobot, job: Job, reporter: Reporter) -> None:
+        self.whole, self.limb_in_robot = whole, limb_in_robot
         super().__init__(whole.method, job, reporter)
 
     def windows_of(self, experiment: Experiment) -> list[Window]:
@@ -110,14 +110,14 @@ class LimbSimulator(LogSimulator):
         return [self._of_limb(window) for window in self.whole.windows]
 
     def _of_limb(self, window: Window) -> Window:
-        (loop,) = (loop for limb, loop in window.loop.limbs if limb.joints == self.place.limb.joints)
-        tau = np.ascontiguousarray(window.tau[:, self.place.joints])
+        (loop,) = (loop for limb, loop in window.loop.limbs if limb.joints == self.limb_in_robot.limb.joints)
+        tau = np.ascontiguousarray(window.tau[:, self.limb_in_robot.joints])
         return replace(window, loop=loop, tau=tau, parameters=self.job.parameters)
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window of the limb; an early end has the number of the joint in the robot."""
         run = super().simulate(x, scale, checked)
-        return run.of_limb(self.place.joints) if isinstance(run, Outcome) else run
+        return run.of_limb(self.limb_in_robot.joints) if isinstance(run, Outcome) else run
 
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate of the robot."""
@@ -125,7 +125,7 @@ class LimbSimulator(LogSimulator):
 
     def real_parameters(self) -> Array:
         """Return the standard parameters of the limb with the inertias for the controller."""
-        return self.whole.real_parameters()[self.place.limb.indices]
+        return self.whole.real_parameters()[self.limb_in_robot.limb.indices]
 
     def suspicions(self) -> list[Finding]:
         """Return suspected faults of the log."""
@@ -135,14 +135,14 @@ class LimbSimulator(LogSimulator):
 class LimbProblem(Problem):
     """The linear system of one limb, with the names of the robot's parameters."""
 
-    def __init__(self, whole: Problem, place: Place, x: Array, reporter: Reporter) -> None:
-        self.whole, self.place, self._x = whole, place, x[place.limb.indices]
-        super().__init__(whole.method, place.job(whole), reporter)
+    def __init__(self, whole: Problem, limb_in_robot: LimbInRobot, x: Array, reporter: Reporter) -> None:
+        self.whole, self.limb_in_robot, self._x = whole, limb_in_robot, x[limb_in_robot.limb.indices]
+        super().__init__(whole.method, limb_in_robot.job(whole), reporter)
         names = self.robot.base_parameters.names
-        self._names = {name: renamed(name, place.limb.links) for name in names}
+        self._names = {name: renamed(name, limb_in_robot.limb.links) for name in names}
 
     def _simulator(self) -> LogSimulator:
-        return LimbSimulator(self.whole.simulator, self.place, self.job, self.reporter)
+        return LimbSimulator(self.whole.simulator, self.limb_in_robot, self.job, self.reporter)
 
     def start(self) -> Array:
         """Return the start of the limb."""
@@ -170,22 +170,22 @@ class ByLimb(Iterations):
 
     parts: list[Iterations]
 
-    def __init__(self, problem: Problem, places: Sequence[Place]) -> None:
+    def __init__(self, problem: Problem, limbs: Sequence[LimbInRobot]) -> None:
         super().__init__(problem, SafeSteps(problem))
-        self.places = places
+        self.limbs = limbs
 
     def begin(self) -> None:
         """Begin at the start, (17) by default."""
         self._x, self.parts = self.problem.start(), []
-        for place in self.places:
-            problem = LimbProblem(self.problem, place, self._x, self._reporter(place))
+        for limb_in_robot in self.limbs:
+            problem = LimbProblem(self.problem, limb_in_robot, self._x, self._reporter(limb_in_robot))
             self.parts.append(Iterations(problem, SafeSteps(problem)))
             self.parts[-1].begin()
         self.iterate = self._best = self._joined([part.iterate for part in self.parts])
         self._first_error = self.iterate.simulated.error
 
-    def _reporter(self, place: Place) -> Reporter:
-        return Reporter(say=lambda sentence: self.reporter.say(f"{place.limb.name}: {sentence}"))
+    def _reporter(self, limb_in_robot: LimbInRobot) -> Reporter:
+        return Reporter(say=lambda sentence: self.reporter.say(f"{limb_in_robot.limb.name}: {sentence}"))
 
     def advance(self) -> None:
         """Take one iteration of each limb that has not ended."""
@@ -243,12 +243,14 @@ class ByLimb(Iterations):
         elif Status.NO_STEP in statuses:
             self.status = Status.NO_STEP
         self.simulator.n_simulations += max(part.simulator.n_simulations for part in parts)
-        for place, part in zip(self.places, parts, strict=True):
+        for limb_in_robot, part in zip(self.limbs, parts, strict=True):
             for iteration, names in part.problem.stuck.items():
                 known = self.problem.stuck.get(iteration)
                 self.problem.stuck[iteration] = names if known is None else f"{known}, {names}"
-            self.simulator.remarks += [f"{place.limb.name}: {text}" for text in part.simulator.remarks]
-            self._remarks += [f"{place.limb.name}: {text}" for text in part._remarks]
+            self.simulator.remarks += [
+                f"{limb_in_robot.limb.name}: {text}" for text in part.simulator.remarks
+            ]
+            self._remarks += [f"{limb_in_robot.limb.name}: {text}" for text in part._remarks]
         end = self._joined(ends)
         finest = replace(end.simulated, finer=self._side_by_side(finer))
         self.iterate = self._best = replace(end, simulated=finest)
@@ -261,22 +263,22 @@ class ByLimb(Iterations):
     def _side_by_side(self, values: Sequence[Array]) -> Array:
         """Return the values of each limb's joints, (..., n_limb_joints), as those of the robot, (..., n_dof)."""
         whole = np.empty((*values[0].shape[:-1], self.problem.robot.n_dof))
-        for place, own in zip(self.places, values, strict=True):
-            whole[..., place.joints] = own
+        for limb_in_robot, own in zip(self.limbs, values, strict=True):
+            whole[..., limb_in_robot.joints] = own
         return whole
 
     def _joined(self, iterates: Sequence[Iterate]) -> Iterate:
         """Return the iterate of the robot of one of each limb."""
         x, windows, runs = self._x.copy(), self.simulator.windows, [iterate.simulated for iterate in iterates]
-        for place, iterate in zip(self.places, iterates, strict=True):
-            x[place.limb.indices] = iterate.x
+        for limb_in_robot, iterate in zip(self.limbs, iterates, strict=True):
+            x[limb_in_robot.limb.indices] = iterate.x
         motions = []
         for each in zip(*(run.motions for run in runs), strict=True):
             q, dq, ddq, tau = map(self._side_by_side, zip(*each, strict=True))
             motions.append((q, dq, ddq, tau))
         scale = None
         if any(run.scale is not None for run in runs):
-            ones = [np.ones(len(place.joints)) for place in self.places]
+            ones = [np.ones(len(limb_in_robot.joints)) for limb_in_robot in self.limbs]
             scale = self._side_by_side(
                 [one if run.scale is None else run.scale for run, one in zip(runs, ones, strict=True)]
             )
@@ -296,11 +298,14 @@ class ByLimb(Iterations):
         position = {column: k for k, column in enumerate(estimated)}
         branches: list[tuple[NDArray[np.intp], NDArray[np.intp], Factors]] = []
         covariance, residual, n = fit.covariance.copy(), np.zeros_like(fit.residual), len(estimated)
-        for place, part in zip(self.places, self.parts, strict=True):
+        for limb_in_robot, part in zip(self.limbs, self.parts, strict=True):
             rows = np.concatenate(
-                [np.arange(system.joints[joint].start, system.joints[joint].stop) for joint in place.joints]
+                [
+                    np.arange(system.joints[joint].start, system.joints[joint].stop)
+                    for joint in limb_in_robot.joints
+                ]
             )
-            columns = np.array([position[column] for column in place.columns if column in position])
+            columns = np.array([position[column] for column in limb_in_robot.columns if column in position])
             own, factors = part.solved.fit, part.solved.fit.factors
             if isinstance(factors, Factors):
                 covariance[np.ix_(columns, columns)] = own.covariance

@@ -108,13 +108,13 @@ def _extrapolated(steps: Sequence[Array]) -> Array | None:
 
 
 def rule_sentence(
-    moved: float, sigma_fraction: float, residual_change: float, tolerance: float, *, exact: bool
+    largest_change: float, sigma_fraction: float, residual_change: float, tolerance: float, *, exact: bool
 ) -> str:
     """Name the stopping rule that fired.
 
     Parameters
     ----------
-    moved, sigma_fraction : float
+    largest_change, sigma_fraction : float
         Largest change of a parameter in the last step, in standard deviations, and its limit.
     residual_change, tolerance : float
         Relative change of the residual in the last step, and its limit.
@@ -123,15 +123,13 @@ def rule_sentence(
     """
     if exact:
         return "Stopped because the residual is rounding."
-    parameters = (
-        f"the last step changed no parameter by more than {moved:.2g} sigma (limit {sigma_fraction:g})"
-    )
+    parameters = f"the last step changed no parameter by more than {largest_change:.2g} sigma (limit {sigma_fraction:g})"
     residual = f"the residual changed by {100.0 * residual_change:.2g} % (limit {100.0 * tolerance:g} %)"
-    if moved <= sigma_fraction and residual_change <= tolerance:
+    if largest_change <= sigma_fraction and residual_change <= tolerance:
         return f"Stopped by both rules: {parameters}, and {residual}."
-    if moved <= sigma_fraction:
+    if largest_change <= sigma_fraction:
         return f"Stopped by the rule on the parameters: {parameters}."
-    return f"Stopped by the rule on the residual: {residual}, but the last step still changed a parameter by {moved:.2g} sigma."
+    return f"Stopped by the rule on the residual: {residual}, but the last step changed a parameter by {largest_change:.2g} sigma."
 
 
 def slow_sentence(contraction: Contraction, n_iterations: int) -> str:

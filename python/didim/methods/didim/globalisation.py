@@ -50,15 +50,17 @@ class SafeSteps:
     def step(self, iterate: Iterate, solved: Solved) -> Step:
         """Take the longest step towards the solution with M(q) > 0 and a complete simulation."""
         largest = self._largest(iterate, solved.target)
-        moved = in_sigma(self.problem, solved, solved.target - iterate.x)
+        largest_change = in_sigma(self.problem, solved, solved.target - iterate.x)
         # If this simulation may be the last one, its time steps are checked in parallel.
-        length, after = self._advance(iterate, solved.target, largest, moved <= self.method.sigma_fraction)
+        length, after = self._advance(
+            iterate, solved.target, largest, largest_change <= self.method.sigma_fraction
+        )
         if length < largest and self.simulator.take_small_steps():
             # With M(q) > 0 the iterate is a robot; a failed simulation then needs smaller time steps.
             again = self.simulator.simulate(iterate.x, iterate.simulated.scale)
             if isinstance(again, Simulated):
-                return Step(length, largest, moved, replace(iterate, simulated=again), repeated=True)
-        return Step(length, largest, moved, after)
+                return Step(length, largest, largest_change, replace(iterate, simulated=again), repeated=True)
+        return Step(length, largest, largest_change, after)
 
     def _largest(self, iterate: Iterate, target: Array) -> float:
         """Return the largest share of the step with M(q) > 0 for every payload."""
@@ -112,10 +114,10 @@ class SecantSteps:
         estimated = self.problem.job.selection.estimated
         ahead = self.problem.base.project(solved.target - iterate.x)[estimated]
         wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0
-        moved = in_sigma(self.problem, solved, solved.target - iterate.x)
-        length, after = self._advance(iterate, solved, wanted, moved)
+        largest_change = in_sigma(self.problem, solved, solved.target - iterate.x)
+        length, after = self._advance(iterate, solved, wanted, largest_change)
         self._before, self._length = ahead, length
-        return Step(length, 1.0, moved, after, wanted)
+        return Step(length, 1.0, largest_change, after, wanted)
 
     def _secant(self, ahead: Array, metric: Array) -> float:
         """Return the length at which the gradient along the last step would have vanished; at most 1."""
@@ -127,7 +129,7 @@ class SecantSteps:
         return float(np.clip(self._length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
 
     def _advance(
-        self, iterate: Iterate, solved: Solved, length: float, moved: float
+        self, iterate: Iterate, solved: Solved, length: float, largest_change: float
     ) -> tuple[float, Iterate | Outcome]:
         weights = np.array([solved.fit.weights[joint.start] for joint in solved.system.joints])
         cost = self._cost(iterate.simulated, weights)
@@ -143,7 +145,7 @@ class SecantSteps:
                 after = self._cost(outcome, weights)
                 tried.append((after, length, Iterate(x, outcome, iterate.iteration + 1)))
                 # The first motion may have used other gains, so its cost is not comparable.
-                free = iterate.simulated.scale is not None or moved <= self.method.sigma_fraction
+                free = iterate.simulated.scale is not None or largest_change <= self.method.sigma_fraction
                 if free or after <= RISE * cost:
                     break
             length *= 0.5

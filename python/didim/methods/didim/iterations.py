@@ -213,7 +213,7 @@ class Iterations:
             more={
                 "step_length": step.length,
                 "largest_safe_step": step.largest,
-                "largest_change_in_sigma": step.moved,
+                "largest_change_in_sigma": step.largest_change,
                 "residual_change": change,
                 "output_error_before": iterate.simulated.error,
                 "output_error_after": after.simulated.error if isinstance(after, Iterate) else np.nan,
@@ -228,14 +228,14 @@ class Iterations:
         method, entry = self.method, self.history[-1]
         change = entry.more["residual_change"]
         # A diverging robot may have steady residuals, but is further from the log than zero torque.
-        sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.kept
+        sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.held
         sound = sound and len(self.history) >= self._attempts.patience
         # Without noise the residual, and the sigmas from it, become rounding.
         self._exact = entry.relative_error <= ROUNDING
-        steady = change <= method.tolerance and step.moved <= self.problem.steady_within
-        if not sound or not (self._exact or step.moved <= method.sigma_fraction or steady):
+        steady = change <= method.tolerance and step.largest_change <= self.problem.steady_within
+        if not sound or not (self._exact or step.largest_change <= method.sigma_fraction or steady):
             return False
         self._ending = rule_sentence(
-            step.moved, method.sigma_fraction, change, method.tolerance, exact=self._exact
+            step.largest_change, method.sigma_fraction, change, method.tolerance, exact=self._exact
         )
         return True

@@ -19,7 +19,7 @@ import numpy as np
 import didim._core as _core
 
 from ..._tools.arrays import Array
-from ..._tools.words import listing
+from ..._tools.words import brief, listing
 from ...errors import DidimError, FitError, RankError
 from ...evidence.naming import torque_findings
 from ...evidence.torques import contradiction_findings, following_findings
@@ -53,6 +53,11 @@ POSITIONS = 60
 """Number of positions of the log at which rates and inertias are evaluated."""
 STARTS = ("consistent", "idim-ls")
 """Names of the start at the physically consistent robot nearest to the estimate of IDIM-LS, along the measured motion."""
+
+
+def _first_of(findings: Sequence[Finding]) -> str:
+    """Return the first suspected fault of a log as the end of a message; empty for none."""
+    return f"; {brief(findings[0].sentence, 90)}" if findings else ""
 
 
 class Problem:
@@ -123,8 +128,9 @@ class Problem:
     def no_start(self, reason: str) -> FitError:
         """Return the error for a start that cannot be simulated."""
         # A wrong log makes IDIM-LS wrong, which may be the start and scales the gains.
-        why = "".join(f"; {finding.sentence}" for finding in self.simulator.suspicions())
-        return FitError(f"DIDIM cannot start from these parameters: {reason}{why}")
+        return FitError(
+            f"DIDIM cannot start from these parameters: {reason}{_first_of(self.simulator.suspicions())}"
+        )
 
     def observe(self, iterate: Iterate) -> LinearSystem:
         """Return (7): measured torques, and the regressor along the simulated motion or with instruments from it."""
@@ -283,8 +289,9 @@ class ConsistentProblem(Problem):
 
     def no_start(self, reason: str) -> FitError:
         """Return the error for a start that cannot be simulated."""
-        why = "".join(f"; {finding.sentence}" for finding in self.contradictions)
-        return FitError(f"consistent DIDIM cannot start from these parameters: {reason}{why}")
+        return FitError(
+            f"consistent DIDIM cannot start from these parameters: {reason}{_first_of(self.contradictions)}"
+        )
 
     def solution(self, system: LinearSystem) -> Fit:
         """Solve a system with the constraints; an estimate with instruments is projected to the nearest robot (10)."""

@@ -107,7 +107,7 @@ class Loop:
         """Return the estimated base parameters of standard ones."""
         return np.asarray(self.parameters.project(x)[self.job.selection.estimated])
 
-    def moved(self, x: Array, change: Array) -> Array:
+    def changed_by(self, x: Array, change: Array) -> Array:
         """Return the standard parameters after a change of the estimated base parameters."""
         full = np.zeros(len(self.job.selection.roles))
         full[self.job.selection.estimated] = change
@@ -140,7 +140,7 @@ class SolvedIterate:
     fit: Fit
 
     @classmethod
-    def of(cls, loop: Loop, x: Array, simulated: Simulated) -> SolvedIterate:
+    def along(cls, loop: Loop, x: Array, simulated: Simulated) -> SolvedIterate:
         """Solve (7) along a motion."""
         system = loop.job.system(segments_of(loop.windows, simulated), loop.parameters.project(x))
         return cls(x, simulated, system, loop.solve(system))
@@ -234,13 +234,13 @@ def run_to_fixed_point(
 
     def rows(changes: Sequence[Array]) -> list[Array] | None:
         nonlocal count
-        runs = simulated_all(loop.windows, [loop.moved(x, change) for change in changes])
+        runs = simulated_all(loop.windows, [loop.changed_by(x, change) for change in changes])
         count += len(runs) * len(loop.windows)
         torques = [loop.torques(run) for run in runs if isinstance(run, Simulated)]
         return torques if len(torques) == len(runs) else None
 
     try:
-        iterate, origin = SolvedIterate.of(loop, x, simulated), loop.torques(simulated)
+        iterate, origin = SolvedIterate.along(loop, x, simulated), loop.torques(simulated)
         share = share_moved(iterate.system, iterate.fit, rows, origin)
         if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
             return None, count
@@ -303,7 +303,7 @@ def _newton(
         x = iterate.x + length * (target - iterate.x)
         (run,) = simulated_all(loop.windows, [x])
         if not isinstance(run, Outcome):
-            after = SolvedIterate.of(loop, x, run)
+            after = SolvedIterate.along(loop, x, run)
             if _distance(loop, after, response) < distance:
                 return after, length, tried
         length *= 0.5

@@ -89,7 +89,7 @@ class Solved:
     """Standard parameters of the solution, (n_parameters,)."""
     std: Array
     """Standard deviations of the base parameters, (b,)."""
-    kept: tuple[int, ...] = ()
+    held: tuple[int, ...] = ()
     """Columns that the motion does not identify, which keep their values."""
 
 
@@ -101,7 +101,7 @@ class Step:
     """Share of the way to the solution."""
     largest: float
     """Largest share that keeps M(q) positive definite."""
-    moved: float
+    largest_change: float
     """Largest change of a base parameter on the whole way, in standard deviations."""
     after: Iterate | Outcome
     """Iterate after the step, or how the simulation of the shortest step ended."""

@@ -22,7 +22,7 @@ from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
 from ...model.limbs import role_of
-from ...result.finding import Finding, said
+from ...result.finding import Finding, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.positions.record import KEY
@@ -367,7 +367,7 @@ def _evidence(
         columns = [problem.columns[each.column] for each in held_columns]
         late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
-            said(
+            worded(
                 kind="untold",
                 sentence=sentence,
                 advice="Command steps or a chirp (didim excite --positions)" if late else "",
@@ -380,7 +380,7 @@ def _evidence(
     if stuck:
         names = series(row["name"] for row in stuck)
         findings.append(
-            said(
+            worded(
                 kind="at-bound",
                 sentence=f"at the bounds of what is possible: {names}",
                 advice="Something else moves the robot like them, or the bounds are too narrow",
@@ -397,12 +397,12 @@ def _evidence(
     if loose:
         sentence = f"known to no better than their own size: {series(loose)}"
         findings.append(
-            said(kind="loose", sentence=sentence, advice="", grade="note", parameters=tuple(loose))
+            worded(kind="loose", sentence=sentence, advice="", grade="note", parameters=tuple(loose))
         )
     poor = [k for k, share in enumerate(shares) if share > 1.0 + 1e-6]
     if poor and now.status is Status.CONVERGED:
         names = series(problem.robot.joint_label(k) for k in poor)
         sentence = f"the estimate leaves larger errors than the values of the file at {names}"
         joints = tuple(k + 1 for k in poor)
-        findings.append(said(kind="no-better", sentence=sentence, advice="", joints=joints))
+        findings.append(worded(kind="no-better", sentence=sentence, advice="", joints=joints))
     return tuple(findings)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array, quotient
 from ..._tools.words import series
 from ...regression.jackknife import deletion_covariance
-from ...result.finding import Finding, said
+from ...result.finding import Finding, worded
 from ...result.uncertainty import student_factor
 from ...signal.noise import encoder_step, white_noise
 from .problem import Problem
@@ -197,9 +197,9 @@ def changes(problem: Problem, spread: Intervals, theta: Array) -> tuple[Finding,
     if not changed:
         return ()
     worst = max(changed, key=lambda k: min(share[k], 1.0) * ratio[k])
-    names = series([problem.columns[k].name for k in changed], 60)
+    names = series([problem.columns[k].name for k in changed], 40)
     return (
-        said(
+        worded(
             kind="changes",
             sentence=f"one value for the whole log does not hold for {names}: {problem.columns[worst].name} changes by "
             f"{min(100.0 * share[worst], 999.0):.0f} % along it ({ratio[worst]:.0f} standard deviations)",

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
+from ..._tools.words import brief, series
 from ...experiment.unknown import SOFT
 from ...robot.robot import Robot
 from .columns import Column
@@ -186,7 +187,7 @@ def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]
         )
         sign = "+" if ratio > 0 else "-"
         pairs.append(
-            f"{where_of(problem.robot, one)}: {one.name} {sign} {abs(ratio):.2g} {two.name} is known better than each (correlation "
+            f"{where_of(problem.robot, one)}: {one.name} {sign} {abs(ratio):.2g} {two.name} is known better (correlation "
             f"{row[other]:.2f}); {_advice(one, two)}"
         )
     return pairs
@@ -195,7 +196,7 @@ def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]
 def _advice(one: Column, two: Column) -> str:
     kinds = {one.kind, two.kind}
     if kinds & {"delay_s", "lag_s", "Ia"}:
-        return "steps, or a chirp up to the bandwidth of the loop, separate them"
+        return "steps, or a chirp up to the loop's bandwidth, separate them"
     if kinds & {"kp", "kv", "saturation"}:
         return "steps that reach the limit of the torque separate them"
     return "other speeds and poses separate them"
@@ -219,7 +220,7 @@ def _without_effect(column: Column) -> str:
 
 
 def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
-    kinds = " and ".join(dict.fromkeys(partner.kind for partner in partners)) or "the others"
+    kinds = brief(" and ".join(dict.fromkeys(partner.kind for partner in partners)), 40) or "the others"
     held = f"{column.kind} is held at {column.start:g} {column.unit}"
     if column.kind == "kp":
         return f"only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor; {held}"
@@ -240,6 +241,6 @@ def by_sentence(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]
     columns_by_sentence = {}
     for known, columns_alike in groups.items():
         places = [where_of(problem.robot, problem.columns[each.column]) for each in columns_alike]
-        title = ", ".join(places) if len(places) <= MOST_PLACES else f"{places[0]} to {places[-1]}"
+        title = series(places, 60) if len(places) <= MOST_PLACES else f"{places[0]} to {places[-1]}"
         columns_by_sentence[f"{title}: {known}"] = columns_alike
     return columns_by_sentence

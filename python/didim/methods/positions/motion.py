@@ -16,6 +16,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.files import write_atomically
+from ..._tools.words import series
 from ...errors import ExcitationError
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
@@ -76,7 +77,7 @@ class PositionMotion:
 
     def __str__(self) -> str:
         best = self.widths[self.family]
-        others = ", ".join(
+        others = series(
             f"{family} {math.exp(width - best):.2f}"
             for family, width in self.widths.items()
             if family != self.family

@@ -51,7 +51,7 @@ def prospect(experiment: Experiment) -> tuple[list[tuple[str, str, tuple[int, ..
             remarks.append(f"{kind}: 95 % intervals of about {_range_text(share[at])}, before the fit")
         poor = [k for k in at if share[k] > POOR and kind in ("Ia", "Fv", "Fc")]
         if poor:
-            names = series(where_of(problem.robot, problem.columns[k]) for k in poor)
+            names = series((where_of(problem.robot, problem.columns[k]) for k in poor), 90)
             sentence = (
                 f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )

@@ -249,7 +249,7 @@ def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, use
     rate = experiment.recordings[own_stops[0].recording].rate_hz
     raise FitError(
         f"{experiment.name}: {experiment.robot.joint_label(worst)} is held by the end of its range or a contact for "
-        f"{times[worst] / rate:.3g} s, and too little is left: log it moving freely, or lock it (didim init --lock)"
+        f"{times[worst] / rate:.3g} s, and too little is left: log it moving freely, or lock it (--lock)"
     )
 
 

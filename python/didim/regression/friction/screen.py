@@ -133,7 +133,7 @@ class _Step:
     """A joint whose sign is kept, a column that is added, or both, and the share of the squared error that this takes away."""
 
     hold: int | None
-    place: int | None
+    added: int | None
     gain: float
 
 
@@ -202,8 +202,8 @@ class Screen:
             while (step := self._best_step(state)) is not None:
                 if step.hold is not None:
                     state = self._toggled(state, step.hold)
-                if step.place is not None:
-                    state.columns.append(step.place)
+                if step.added is not None:
+                    state.columns.append(step.added)
             state = self._refined(state)
         moves = [
             self._worth(self.pool[self.held_coulomb[joint] - self.n].term, self._toggled(state, joint), state)
@@ -302,7 +302,7 @@ class Screen:
     def _keeps_recordings(self, state: _State, step: _Step) -> bool:
         """Whether no recording is predicted worse from the others with a step than without it."""
         after = state if step.hold is None else self._toggled(state, step.hold)
-        columns = [*after.base, *after.columns, *([] if step.place is None else [step.place])]
+        columns = [*after.base, *after.columns, *([] if step.added is None else [step.added])]
         before = [*state.base, *state.columns]
         return all(_error(fold, columns) <= (1.0 + WORSE) * _error(fold, before) for fold in self.recordings)
 

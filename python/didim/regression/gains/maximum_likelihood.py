@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import joints_text, series
 from ...errors import FitError, RankError
 from ..covariance import covariance
 from ..fit import Fit
@@ -157,9 +158,9 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
 
 def expected_sentence(percent: Array) -> str:
     """Return the sentence on the expected accuracy of the gains."""
-    shown = ", ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in percent)
-    weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_GAIN_PERCENT]
-    hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
+    shown = series((f"{value:.2g}" if np.isfinite(value) else "-" for value in percent), 36)
+    weak = [joint for joint, value in enumerate(percent) if not value < WEAK_GAIN_PERCENT]
+    hardly = f"; the known load hardly reaches {joints_text(weak)}" if weak else ""
     return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
 
 
@@ -207,7 +208,7 @@ def _result(
     if singular[-1] < SINGULAR * singular[0]:
         lost = [names[k] for k in np.flatnonzero(np.abs(right[-1]) > 0.1)]
         raise RankError(
-            f"the currents do not separate {', '.join(lost)}: the known payloads have no effect on them",
+            f"the currents do not separate {series(lost)}: the known payloads have no effect on them",
             tuple(int(k) for k in np.flatnonzero(np.abs(right[-1]) > 0.1)),
         )
     inverse_r = (right.T / singular) @ left.T / size[:, None]

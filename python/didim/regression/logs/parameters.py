@@ -323,16 +323,16 @@ class _Builder:
         if not lost:
             return
         owner = lost[0][0].owner
-        which = listing([name for block, name in lost if block.owner == owner])
+        which = listing([name for block, name in lost if block.owner == owner], 30)
         if lost[0][0].kind == "payload":
             if not any(self.recordings[number].payload == owner for number in fitted):
                 raise FitError(
-                    f"no recording to fit has payload '{owner}', of which {which} are unknown: describe it in "
-                    f"[payload.{owner}], or fit a recording with it"
+                    f"no recording to fit has payload '{owner}', of which {which} are unknown: describe it under [payload], or fit "
+                    "a recording with it"
                 )
             raise FitError(
-                f"{which} of payload '{owner}' cannot be separated from the last link, because every recording carries it: add one "
-                "without a payload or with a known one, or use `didim payload`"
+                f"{which} of payload '{owner}' cannot be separated from the last link: every recording carries it; add one "
+                "without it, or use `didim payload`"
             )
         raise FitError(
             f"{which} of recording '{owner}' cannot be separated from those of the other recordings"

@@ -240,15 +240,15 @@ def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoi
 def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
     where = description.where
     if not moving:
-        held = [joint for joint in description.joints.values() if joint.moves and joint.kind not in MOVING]
-        names = series([f"{joint.name} ({joint.kind})" for joint in held], 80)
-        why = f"; joints of this type are held: {names}" if held else ""
+        unmoved = [joint for joint in description.joints.values() if joint.moves and joint.kind not in MOVING]
+        held = series([f"{joint.name} ({joint.kind})" for joint in unmoved], 80)
+        why = f"; joints of this type are held: {held}" if unmoved else ""
         raise RobotError(f"{where}: no joint moves between base and tip{why}")
     if len(moving) > LARGEST_CHAIN:
-        names = ", ".join([*(joint.name for joint in moving[:3]), f"and {len(moving) - 3} more"])
+        names = series((joint.name for joint in moving), 40)
         raise RobotError(
-            f"{where}: a robot has at most {LARGEST_CHAIN} joints, and this one has {len(moving)} ({names}); "
-            "choose a part (didim robot --base --tip), or lock joints (didim robot --lock)"
+            f"{where}: a robot has at most {LARGEST_CHAIN} joints, not {len(moving)} ({names}); "
+            "choose a part (--base, --tip), or lock joints (--lock)"
         )
 
 

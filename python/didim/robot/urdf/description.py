@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import body_pseudo_inertia, pose, rotation_of
@@ -272,7 +273,7 @@ def _of_largest_tree(description: Description, roots: list[str], notes: list[str
         }
         root = max(roots, key=lambda root: moving[root])
         others = [other for other in roots if other != root]
-        left = ", ".join(others if len(others) <= 6 else [*others[:6], f"{len(others) - 6} more"])
+        left = series(others, 60)
         notes = [
             *notes,
             f"the robot stands on link {root}; no joint holds {left}, left out (--base takes another)",

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.inputs import read_small_file
-from ..._tools.words import counted, series
+from ..._tools.words import brief, counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import inverse, pose, turn
@@ -302,7 +302,7 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     if tendons := sprung_tendons(sections, reader.defaults):
         notes.append(f"springs of tendons are left out: {series(tendons)}")
     if unread:
-        notes.append(f"not read: {'; '.join(unread)}")
+        notes.append(f"not read: {brief('; '.join(unread), 120)}")
     name = outermost.attributes.get("model", "")
     return Description(
         where, name, links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)

@@ -124,19 +124,19 @@ def read_urdf(
     table, exact, as_written = _table(chain, snapped, links, down, where)
     geometry = _geometry(chain, table, down)
     if snapped.joints:
+        rounded = series((chain.joints[joint].name for joint in snapped.joints), 60)
         notes.append(
-            f"right angles of {', '.join(chain.joints[joint].name for joint in snapped.joints)} were rounded and are snapped, by "
-            f"{snapped.largest:.1e} rad at most; torques change by {as_written:.1e} of the largest"
+            f"right angles of {rounded} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
+            f"torques change by {as_written:.1e} of the largest"
         )
     if chain.mimics:
         table, chain = _numbered(table, chain), chain.numbered()
         one = tuple(tuple(row) for row in np.eye(len(chain.driven)).tolist())
         geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
-        names = (f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
-        notes.append(f"joints that follow others, with their leaders: {series(list(names))}")
+        names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
+        notes.append(f"joints that follow others, with their leaders: {names}")
     springs = _springs(chain)
     named, missing = _parameters(description, chain, table, set_name, springs)
-    notes += missing
     robot = Robot(
         name=description.name or path.stem,
         description=f"from {where}",
@@ -149,7 +149,7 @@ def read_urdf(
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
         correspondence=_correspondence(where, data, chain, snapped, table),
-        notes=tuple(notes),
+        notes=(*notes, *missing),
         actuators=tuple(joint.actuator for joint in chain.joints) if _driven(chain) else (),
         softness=tuple(joint.softness for joint in chain.driven) if mjcf else (),
         _named={set_name: named} if named else {},
@@ -218,12 +218,12 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     free = [name for name in free if name not in stand]
     if free and chain.tip == WHOLE:
         notes.append(
-            f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {series(free)} "
+            f"held at zero, as a robot has at most {LARGEST_CHAIN} joints, those that carry least: {series(free, 70)} "
             "(--lock, --base and --tip choose others)"
         )
     elif free:
         notes.append(
-            f"the chain ends at link {chain.tip}; locked at 0: {series(free)} (--tip LINK takes more of the tree, "
+            f"the chain ends at link {chain.tip}; locked at 0: {series(free, 60)} (--tip LINK takes more of the tree, "
             "--lock JOINT=VALUE locks elsewhere)"
         )
     return notes
@@ -233,7 +233,7 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
     """Sentence on angles that are nearly right."""
     if not left:
         return None
-    names = series((chain.joints[angle.joint].name for angle in left), 60)
+    names = series((chain.joints[angle.joint].name for angle in left), 36)
     largest = max(angle.angle for angle in left)
     nearly = next(
         (angle for angle in left if angle.parallel and chain.parents[angle.joint] is not None), None
@@ -243,12 +243,12 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
         assert parent is not None
         return (
             f"{where}: the axes of {chain.joints[parent].name} and {chain.joints[nearly.joint].name} are "
-            f"{nearly.angle:.1e} rad from parallel, which adds base parameters that no log identifies; nominal geometry: "
+            f"{nearly.angle:.1e} rad from parallel, adding weak base parameters; write "
             f"{_cure(largest)}"
         )
     return (
-        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles to those before, which may add base "
-        f"parameters that no log identifies; for right angles: {_cure(largest)}"
+        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles, adding weak base "
+        f"parameters; write {_cure(largest)}"
     )
 
 

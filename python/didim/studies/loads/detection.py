@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array, true_ranges
+from ..._tools.words import series
 from ...robot.rigid_body import INERTIAL
 
 APART_S = 0.15
@@ -49,7 +50,7 @@ class Contact:
     peak: tuple[float, ...]
 
     def __str__(self) -> str:
-        felt = ", ".join(
+        felt = series(
             f"joint {joint} {peak:+.3g}" for joint, peak in zip(self.joints, self.peak, strict=True)
         )
         return f"external torque from {self.start_s:.3f} to {self.stop_s:.3f} s: {felt} N.m or N"

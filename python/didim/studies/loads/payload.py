@@ -144,7 +144,7 @@ def identify_payload(
     )
     if len(block.names) < len(names):
         missing = [entry for entry in names if entry not in block.names]
-        remark = f"this arm cannot identify {', '.join(missing)}, so there is no complete body"
+        remark = f"this arm cannot identify {series(missing)}, so there is no complete body"
         return replace(estimate, remarks=(*estimate.remarks, remark))
     return _with_body(estimate, theta, covariance, known, chosen, seed)
 
@@ -157,8 +157,8 @@ def other_frames(robot: Robot, flange: Pose | None) -> tuple[str, ...]:
     last = places.links[-1]
     if not last.lumped_poses:
         return (
-            f"links fixed to {last.link}: {series(last.lumped, 60)}; if the pendant uses the frame of one, write its pose in "
-            f"{last.link} under [flange] (xyz_m, rpy_rad)",
+            f"links fixed to {last.link}: {series(last.lumped, 40)}; if the pendant uses the frame of one, write its pose "
+            "there under [flange] (xyz_m, rpy_rad)",
         )
     poses = zip(last.lumped[:LARGEST_NUMBER_OF_FRAMES], last.lumped_poses, strict=False)
     return tuple(_for_coordinates_of(brief(link), homogeneous(pose)) for link, pose in poses)
@@ -195,7 +195,7 @@ def _with_unknown(experiment: Experiment, link: str | None) -> tuple[Experiment,
         payloads = {**experiment.payloads, **{name: Payload(name=name, link=link) for name in missing}}
         return _with_unknown(replace(experiment, payloads=payloads), link)
     if len(open_names) != 1:
-        what = "all payloads are known" if not open_names else f"there are several: {', '.join(open_names)}"
+        what = "all payloads are known" if not open_names else f"there are several: {series(open_names, 60)}"
         raise FitError(f"experiment '{experiment.name}' must have one unknown payload, and {what}")
     (name,) = open_names
     if link is not None:
