@@ -288,6 +288,9 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
 
 
 def _short(value: object) -> str:
+    """Return a value as the names of scenarios and methods have it: a table as its keys and values."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_short(part)}" for key, part in value.items())
     return value if isinstance(value, str) else json.dumps(value)
 
 

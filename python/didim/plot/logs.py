@@ -186,7 +186,7 @@ def _compared(
     """Draw two lines per joint, and below them the difference on its own axis, with a band around it."""
     n = len(names)
     rows, _ = per_row(n, PANELS_PER_ROW)
-    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.09)
+    figure = new_figure(0.4 + (3.6 if n == 1 else 2.8) * rows, gap_in=0.09)
     for joint, upper, lower in panel_pairs(figure, n, PANELS_PER_ROW, (2.4, 1.0)):
         _draw(upper, lower, pieces, joint, labels)
         for t, half in bands:
@@ -296,7 +296,7 @@ def residuals(
             x = np.linspace(values.min(), values.max(), 200)
             curve = np.exp(-0.5 * ((x - values.mean()) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
             lower.plot(x, curve, color=RESIDUAL, linewidth=1.2, label="normal curve")
-        lower.set_xlabel(f"residual ({unit}), standard deviation {sigma:.3g}")
+        lower.set_xlabel(f"residual ({unit}), std. deviation {sigma:.3g}")
         lower.set_yticks([])
         lower.grid(visible=False)
         handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0][::-1]]

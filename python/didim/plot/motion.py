@@ -69,7 +69,7 @@ def motion(experiment: Experiment) -> Figure:
     pieces = _pieces(experiment, recordings)
     robot = experiment.robot
     rows, _ = per_row(robot.n_dof, PANELS_PER_ROW)
-    figure = new_figure(0.4 + 2.5 * rows, gap_in=0.05)
+    figure = new_figure(0.4 + 2.8 * rows, gap_in=0.05)
     for joint, upper, lower in panel_pairs(figure, robot.n_dof, PANELS_PER_ROW, (1.0, 1.0)):
         limits = robot.limits[joint]
         unit = units(robot.joint_kinds[joint])[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,8 @@ MOST_IN_ROW = 3
 """Largest number of panels side by side."""
 MOST_TEXT = 70
 """Largest number of characters of a name in a picture."""
+LINE_CHARACTERS = 38
+"""Largest number of characters of a line of a name beside a panel: it leaves half of a phone to the panel."""
 
 
 def _styles(study: StudyResults) -> dict[str, tuple[str, str]]:
@@ -180,7 +183,8 @@ def coverage(study: StudyResults) -> Figure:
     _require(study)
     styles = _styles(study)
     names = [name for name in study.scenarios if any(f.scenario == name for f in study.figures)]
-    figure = new_figure(0.9 + 0.34 * len(names))
+    labels = [textwrap.fill(_short(name), LINE_CHARACTERS) for name in names]
+    figure = new_figure(0.9 + sum(max(0.34, 0.06 + 0.15 * (text.count("\n") + 1)) for text in labels))
     ax = figure.subplots()
     step = 0.7 / max(1, len(styles))
     for k, (method, (color, marker)) in enumerate(styles.items()):
@@ -192,11 +196,11 @@ def coverage(study: StudyResults) -> Figure:
     ax.axvline(95.0, color="#3a424d", linewidth=0.9, linestyle="--")
     for k in range(1, len(names), 2):
         ax.axhspan(k - 0.5, k + 0.5, color=FAINT, alpha=0.45, linewidth=0.0, zorder=0.5)
-    ax.set_yticks(range(len(names)), [_short(name) for name in names])
+    ax.set_yticks(range(len(names)), labels)
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("parameters within their 95 % intervals (%)")
+    ax.set_xlabel("parameters within\ntheir 95 % intervals (%)")
     _legend(figure, ax, styles)
     return figure
 

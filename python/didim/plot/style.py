@@ -156,12 +156,10 @@ def panel_pairs(figure: Figure, count: int, most: int, heights: tuple[float, flo
         lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
         upper.set_title(f"joint {joint + 1}")
         upper.tick_params(labelbottom=False)
-        lower.tick_params(labelbottom=joint >= count - columns)
         yield joint, upper, lower
         lower.margins(x=0.01)
         lower.set_xlim(left=0.0)
-        if joint >= count - columns:
-            lower.set_xlabel("time (s)")
+        lower.set_xlabel("time (s)")
     figure.align_ylabels()
 
 

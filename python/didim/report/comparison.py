@@ -14,7 +14,8 @@ from ..result.table import WELL_IDENTIFIED_PERCENT
 from ..studies.comparison import Comparison, duration, ending, off_rms, sentences
 from ..studies.prediction import predict
 from .fit import aligned_rows, provenance_section, robot_section, well_identified
-from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
+from .page import Html, Level, Text, page, paragraph, section, table, verdict
+from .picture import picture
 
 FAR_OFF = 3.0
 """Distance in standard deviations from which an estimate is marked: of 60 correct ones, one in six lists has such an

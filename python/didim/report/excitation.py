@@ -7,7 +7,8 @@ import numpy as np
 from ..excitation.design import Excitation
 from ..excitation.problem import FINE
 from ..plot.excitation import motion, swept
-from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
+from .page import Html, Level, Text, page, paragraph, section, table, verdict
+from .picture import picture
 
 
 def excitation_page(design: Excitation) -> str:

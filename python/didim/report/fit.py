@@ -24,7 +24,8 @@ from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
 from ..result.verdict import State
 from ..studies.comparison import duration
 from ..studies.prediction import Prediction, predict, relative_errors
-from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
+from .page import Html, Level, Text, beside, code, details, page, paragraph, section, table, verdict
+from .picture import picture
 
 STRONG_CORRELATION = 0.8
 """Absolute correlation of two estimates from which the report lists the pair."""

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import itertools
-import math
 import os
 import re
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from .._tools.version import __version__
-from ..plot.style import svg
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 Level = Literal["good", "caution", "bad"]
 
@@ -67,10 +59,11 @@ section > p { max-width: 84ch; margin: 6px 0; }
 .tiles span { color: var(--soft); font-size: 13px; }
 ul.findings { margin: 6px 0 4px; padding-left: 22px; }
 figure { margin: 12px 0 0; overflow-x: auto; }
-/* A picture is its legend and its columns of panels, all cut from one image, so that a phone can stack them. */
+/* A picture is the entries of its legend and its panels in rows, all cut from one image, so that a phone can stack them. */
 .picture { max-width: 100%; print-color-adjust: exact; }
-.columns { display: flex; }
+.columns, .legend { display: flex; }
 .picture span { display: block; flex: none; background: var(--image) no-repeat; }
+.phone { display: none; max-width: 100%; }
 .scroll { overflow-x: auto; margin-top: 10px; }
 table { border-collapse: collapse; font-size: 13.5px; }
 .beside { display: flex; flex-wrap: wrap; column-gap: 36px; }
@@ -84,7 +77,8 @@ td.number, td.digest, pre {
 }
 td.number { white-space: pre; }
 .dense th, .dense td { padding-right: 8px; font-size: 12.5px; }
-.dense td.number { font-size: 11px; }
+.dense td.number { font-size: 11px; white-space: normal; }
+.dense td:first-child { min-width: 9em; white-space: normal; }
 td.first, th.first { padding-left: 26px; }
 td.off { color: var(--bad); font-weight: 700; }
 td.uncertain { color: var(--caution); }
@@ -105,15 +99,25 @@ h2 { scroll-margin-top: 12px; }
   .tiles b { font-size: 17px; }
   .columns { flex-direction: column; }
   .columns > span { width: 100% !important; }
-  .picture > .legend { width: min(100%, calc(var(--own) * 1px)) !important; margin: 0 auto 6px !important; }
-  /* One panel of eleven inches has labels that nobody reads on a phone: it keeps two thirds of its size and is pushed aside. */
-  .picture.wide { width: 700px !important; max-width: none; }
+  .columns > .empty { display: none; }
+  .legend { flex-wrap: wrap; justify-content: center; margin: 0 0 6px !important; }
+  .legend > span { width: calc(var(--own) * 1px) !important; max-width: 100%; }
+  .picture.aside { width: 700px !important; max-width: none; }
+  /* One wide panel is drawn once more for a phone. */
+  .picture.wide > .columns { display: none; }
+  .picture.wide > .phone { display: block; }
+  th, td { padding-right: 8px; font-size: 12.5px; }
+  td.number { font-size: 11.5px; }
+  /* A table keeps its first column in sight; one of cards has a line for each number. */
+  .scroll td:first-child, .scroll th:first-child { position: sticky; left: 0; background: var(--paper); }
+  .cards thead { display: none; }
+  .cards table, .cards tbody, .cards tr { display: block; }
+  .cards td { display: flex; justify-content: space-between; padding: 1px 0; }
+  .cards td::before { content: attr(data-head); color: var(--soft); font-family: system-ui, sans-serif; }
+  .cards td:first-child { display: block; position: static; margin-top: 8px; font-weight: 700; }
 }
 @media print { nav { display: none; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
 """
-
-WIDE_PX = 700
-"""Width of a picture (pixels) from which it scrolls sideways on a phone."""
 
 # Nothing may be fetched, even if a file name or a message contains HTML.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -205,80 +209,6 @@ def paragraph(text: str) -> Html:
     return Html(f"<p>{escape(text)}</p>")
 
 
-def picture(figure: Figure, description: str) -> Html:
-    """Return a figure, embedded; the description is for screen readers (`tests/test_report.py`)."""
-    data = base64.b64encode(svg(figure).encode()).decode("ascii")
-    width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
-    edges = column_edges(figure)
-    kind = " wide" if width > WIDE_PX and len(edges) == 2 else ""
-    legend = _legend_box(figure) if len(edges) > 2 else None
-    top = 0.0 if legend is None else legend[3]
-    parts = []
-    if legend is not None:
-        left, right = legend[0], legend[2]
-        room = f"margin:0 {100 * (1 - right):.3f}% 0 {100 * left:.3f}%;--own:{(right - left) * width:.0f};"
-        parts.append(f'<span class="legend" style="{room}{_cut(legend, width, height)}"></span>')
-    columns = (
-        f'<span style="{_cut((left, top, right, 1.0), width, height)}"></span>'
-        for left, right in itertools.pairwise(edges)
-    )
-    parts.append(f'<div class="columns">{"".join(columns)}</div>')
-    return Html(
-        f'<figure><div class="picture{kind}" role="img" aria-label="{escape(description)}" style="width:{width}px;'
-        f'--image:url(data:image/svg+xml;base64,{data})">{"".join(parts)}</div></figure>'
-    )
-
-
-Box = tuple[float, float, float, float]
-"""Left, top, right and bottom as shares of a figure's size, from its upper left corner."""
-
-
-def _cut(box: Box, width: int, height: int) -> str:
-    """Return the style of an element that shows this part of an image of width by height pixels."""
-    left, top, right, bottom = box
-    across, down = right - left, bottom - top
-    x, y = (start / (1.0 - share) if share < 1.0 else 0.0 for start, share in ((left, across), (top, down)))
-    return (
-        f"width:{100 * across:.3f}%;aspect-ratio:{across * width:.2f}/{down * height:.2f};"
-        f"background-size:{100 / across:.3f}% {100 / down:.3f}%;background-position:{100 * x:.3f}% {100 * y:.3f}%"
-    )
-
-
-def _legend_box(figure: Figure) -> Box | None:
-    """Return where a drawn figure has its legend; None where it does not stand alone above all panels."""
-    if len(figure.legends) != 1 or figure.get_suptitle():
-        return None
-    boxes = [box for axes in figure.axes if (box := axes.get_tightbbox()) is not None]
-    if not boxes:
-        return None
-    legend, whole = figure.legends[0].get_window_extent(), figure.bbox
-    panels = max(box.y1 for box in boxes)
-    # The layout lets titles reach into the empty border of the legend.
-    if panels > legend.y0 + 0.25 * legend.height:
-        return None
-    left, right = (float(np.clip(x / whole.width, 0.0, 1.0)) for x in (legend.x0, legend.x1))
-    top, bottom = (
-        float(np.clip(1.0 - y / whole.height, 0.0, 1.0)) for y in (legend.y1, max(panels, legend.y0))
-    )
-    return left, top, right, bottom
-
-
-def column_edges(figure: Figure) -> list[float]:
-    """Return where the columns of panels of a drawn figure begin and end, as shares of its width, from 0 to 1."""
-    spans = sorted(
-        (box.x0, box.x1)
-        for axes in figure.axes
-        # A colour bar belongs to the panel on its left.
-        if axes.get_label() != "<colorbar>" and (box := axes.get_tightbbox()) is not None
-    )
-    edges, end = [0.0], -math.inf
-    for left, right in spans:
-        if left > end > 0.0:
-            edges.append(0.5 * (left + end) / figure.bbox.width)
-        end = max(end, right)
-    return [*edges, 1.0]
-
-
 def table(
     head: Sequence[str],
     rows: Sequence[Sequence[Text]],
@@ -286,6 +216,7 @@ def table(
     numbers: Iterable[int] = (),
     groups: Sequence[tuple[str, int]] = (),
     classes: dict[tuple[int, int], str] | None = None,
+    cards: bool = False,
 ) -> Html:
     """Return a table.
 
@@ -301,12 +232,14 @@ def table(
         Headings over groups of columns, with the number of columns.
     classes : dict of (row, column) to str, optional
         Classes of single cells.
+    cards : bool
+        On a phone, each row is a list of its cells with their headings.
     """
     right = set(numbers)
     ends = np.cumsum([span for _, span in groups])
     first = {int(end) for end in ends[:-1]}
     dense = ' class="dense"' if len(head) > DENSE else ""
-    lines = [f'<div class="scroll"><table{dense}>', "<thead>"]
+    lines = [f'<div class="scroll{" cards" if cards else ""}"><table{dense}>', "<thead>"]
     if groups:
         cells = (f'<th class="group" colspan="{span}">{escape(text)}</th>' for text, span in groups)
         lines.append(f"<tr>{''.join(cells)}</tr>")
@@ -316,7 +249,8 @@ def table(
         line = ""
         for column, text in enumerate(texts):
             extra = (classes or {}).get((row, column))
-            line += _cell("td", text, [*_classes(column, right, first), *([extra] if extra else [])])
+            named = head[column] if cards and column else ""
+            line += _cell("td", text, [*_classes(column, right, first), *([extra] if extra else [])], named)
         lines.append(f"<tr>{line}</tr>")
     return Html("\n".join([*lines, "</tbody>", "</table></div>"]))
 
@@ -325,8 +259,9 @@ def _classes(column: int, right: set[int], first: set[int]) -> list[str]:
     return (["number"] if column in right else []) + (["first"] if column in first else [])
 
 
-def _cell(tag: str, text: Text, classes: Sequence[str]) -> str:
+def _cell(tag: str, text: Text, classes: Sequence[str], heading: str = "") -> str:
     attribute = f' class="{" ".join(classes)}"' if classes else ""
+    attribute += f' data-head="{escape(heading)}"' if heading else ""
     return f"<{tag}{attribute}>{html(text)}</{tag}>"
 
 

@@ -10,7 +10,8 @@ from ..result.identification import Identification
 from ..result.positions.record import PositionRecord
 from ..result.positions.table import error_table, limb_tables, shared_rows
 from .fit import LEVELS, provenance_section
-from .page import Html, page, paragraph, picture, section, table, verdict
+from .page import Html, page, paragraph, section, table, verdict
+from .picture import picture
 
 
 def positions_page(fit: Identification, experiment: Experiment, record: PositionRecord) -> str:

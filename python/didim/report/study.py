@@ -9,7 +9,8 @@ from ..errors import PlotError
 from ..monte_carlo.results import StudyResults
 from ..monte_carlo.text import NOTES, cells
 from ..plot.studies import cost, coverage, errors
-from .page import Html, Level, page, paragraph, picture, section, table, verdict
+from .page import Html, Level, page, paragraph, section, table, verdict
+from .picture import picture
 
 MOST_SENTENCES = 12
 """Largest number of failure messages in a report."""
@@ -56,8 +57,15 @@ def _pictures(study: StudyResults) -> list[Html]:
 def _tables(study: StudyResults) -> Html:
     content = []
     for scenario in dict.fromkeys(figures.scenario for figures in study.figures):
-        rows = [cells(figures, study.head) for figures in study.figures if figures.scenario == scenario]
-        content += [paragraph(scenario), table(study.head, rows, numbers=range(1, len(study.head)))]
+        # A line of a cell may end before an interval, not within it.
+        rows = [
+            [name, *(cell.replace(", ", ",\N{NO-BREAK SPACE}") for cell in numbers)]
+            for name, *numbers in (
+                cells(figures, study.head) for figures in study.figures if figures.scenario == scenario
+            )
+        ]
+        right = range(1, len(study.head))
+        content += [paragraph(scenario), table(study.head, rows, numbers=right, cards=True)]
     return section("Figures of merit", *content, *(paragraph(text) for text in NOTES))
 
 
