@@ -8,10 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim import Robot
-from didim.model.consistency import EIGENVALUE_ROUNDING, Cone, link_cones
+from didim.model.consistency import Cone, link_cones
 from didim.model.drive_cones import Drives, friction_cones, rotor_cones
 
 Array = NDArray[np.float64]
+
+EIGENVALUE_ROUNDING = 1e-9
+"""Largest negative eigenvalue of a physical condition that rounding explains, as a share of the size of its terms."""
+
+
+def smallest_of(condition: Cone, x: Array) -> float:
+    """Return the smallest eigenvalue of a condition, as a share of the size of its terms."""
+    terms = np.abs(x[list(condition.indices)])[:, None, None] * np.abs(condition.basis)
+    size = np.abs(condition.constant).max() + np.max(terms, initial=0.0)
+    return float(np.linalg.eigvalsh(condition.at(x))[0] / size) if size > 0.0 else 0.0
 
 
 def drive_cones(robot: Robot) -> list[Cone]:
@@ -44,7 +54,7 @@ def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVAL
     """
     found = []
     for condition in conditions:
-        if not condition.smallest(x) >= -tolerance:
+        if not smallest_of(condition, x) >= -tolerance:
             smallest = float(np.linalg.eigvalsh(condition.at(x))[0])
             found.append(f"{condition.label} (smallest eigenvalue {smallest:.3g})")
     return found

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import didim
+from conditions import smallest_of
 from didim import Robot
 from didim.model.drive_cones import Drives, simulable_cones
 from didim.model.dynamics import inertia_matrix
@@ -198,7 +199,9 @@ def test_rates_of_feasible_robots_are_below_the_bound_in_every_pose(
     truth[light] *= 1e-3
     x = problem.solve(root, root @ robot.base_parameters.project(truth)).x
     drives = Drives(robot)
-    assert all(item.smallest(x) > -1e-9 for item in simulable_cones(drives, step, rate, damping.tolist(), v))
+    assert all(
+        smallest_of(item, x) > -1e-9 for item in simulable_cones(drives, step, rate, damping.tolist(), v)
+    )
     friction = np.diag(damping)
     for group in drives.groups:
         sides, shafts = ("",) * len(group), (1.0,) * len(drives.motors(group))

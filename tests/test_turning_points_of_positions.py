@@ -146,7 +146,7 @@ def test_steps_are_held_for_three_time_constants() -> None:
 
 @pytest.mark.parametrize(("over", "named"), [(1.9, []), (2.1, [1])])
 def test_errors_of_the_model_are_twice_the_noise(over: float, named: list[int]) -> None:
-    found = model_errors(cast(Any, None), np.array([over, 1.0]), np.zeros(2))
+    found = model_errors(np.array([over, 1.0]), np.zeros(2))
     assert [joint for item in found for joint in item.joints] == named
 
 

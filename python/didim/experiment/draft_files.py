@@ -195,7 +195,7 @@ def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
             )
     log = LogFiles(group, columns)
     if not any(kind in SIGNALS for kind in _kinds(columns)):
-        _by_values(log, robot)
+        _by_values(log)
     _one_time(log)
     return log
 
@@ -204,7 +204,7 @@ def _rows(source: LogSource) -> int:
     return len(source.values(source.columns[:1]))
 
 
-def _by_values(log: LogFiles, robot: Robot) -> None:
+def _by_values(log: LogFiles) -> None:
     """Classify positions, velocities and torques by their values, if file names do not."""
     blocks = [
         [k for k, column in enumerate(log.columns) if column.file == number and column.what != "time"]

@@ -16,9 +16,6 @@ from .._tools.arrays import Array
 from ..robot.rigid_body import INERTIAL, pseudo_inertia
 from ..robot.robot import Robot
 
-EIGENVALUE_ROUNDING = 1e-9
-"""Largest negative eigenvalue of a physical condition that rounding explains, as a share of the size of its terms."""
-
 
 @dataclass(frozen=True, eq=False)
 class Cone:
@@ -50,13 +47,6 @@ class Cone:
     def at(self, x: Array) -> Array:
         """Return ``F(x)``, (m, m)."""
         return np.asarray(self.constant + np.tensordot(x[list(self.indices)], self.basis, 1))
-
-    def smallest(self, x: Array) -> float:
-        """Return the smallest eigenvalue of ``F(x)``, as a share of the size of its terms."""
-        size = np.abs(self.constant).max() + np.max(
-            np.abs(x[list(self.indices)])[:, None, None] * np.abs(self.basis), initial=0.0
-        )
-        return float(np.linalg.eigvalsh(self.at(x))[0] / size) if size > 0.0 else 0.0
 
 
 def places_of(robot: Robot) -> dict[str, int]:

@@ -52,7 +52,7 @@ def inverse_dynamics(
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     vector = standard_vector(robot, x)
-    warmth = None if temperature is None else _temperature(robot, temperature, len(q))
+    warmth = None if temperature is None else _temperature(robot, temperature)
     with CoreErrorsAs(ShapeError):
         tau = _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
     if robot.friction.has_memory:
@@ -100,7 +100,7 @@ def regressor(
         For a wrong shape, or a NaN; the message gives its position.
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
-    warmth = None if temperature is None else _temperature(robot, temperature, len(q))
+    warmth = None if temperature is None else _temperature(robot, temperature)
     load = None
     if robot.friction.has_load:
         if x is None:
@@ -269,7 +269,7 @@ def _motion(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[
     return _matrix(robot, "q", q), _matrix(robot, "dq", dq), _matrix(robot, "ddq", ddq)
 
 
-def _temperature(robot: Robot, value: ArrayLike, n_samples: int) -> Array:
+def _temperature(robot: Robot, value: ArrayLike) -> Array:
     array = real_array("temperature", value, ShapeError)
     return _matrix(robot, "temperature", np.tile(array[:, None], robot.n_dof) if array.ndim == 1 else array)
 

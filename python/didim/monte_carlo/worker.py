@@ -24,7 +24,6 @@ from .._tools.plugins import loaded, search, source_digest
 from .._tools.threads import VARIABLE
 from .._tools.version import __version__
 from ..errors import DidimError, StudyError
-from ..experiment.experiment import Experiment
 from ..methods.identify import identify
 from ..result.identification import Identification
 from .logs import Model, Truth, model_of, truth_of
@@ -206,7 +205,7 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
         "beta": _plain(fit.beta),
         "std": _plain(fit.std),
         "factor": _number(fit.interval_factor(0.95)),
-        **_judged(fit, model, log),
+        **_judged(fit, model),
         "iterations": fit.n_iterations,
         "simulations": fit.n_simulations,
         "rows": fit.n_rows,
@@ -214,7 +213,7 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _judged(fit: Identification, model: Model, log: Experiment) -> dict[str, Any]:
+def _judged(fit: Identification, model: Model) -> dict[str, Any]:
     """Return the errors relative to the truth."""
     off = fit.beta - model.beta
     known = np.isfinite(off) & (fit.std > 0.0)

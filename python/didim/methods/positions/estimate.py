@@ -187,7 +187,7 @@ def _result(experiment: Experiment, end: End) -> Identification:
             *_evidence(problem, now, end.held, rows, shares),
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
-            *model_errors(problem, end.over, end.shift),
+            *model_errors(end.over, end.shift),
             *changes(problem, spread, now.theta),
         ),
         settings={

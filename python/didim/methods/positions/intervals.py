@@ -211,7 +211,7 @@ def changes(problem: Problem, spread: Intervals, theta: Array) -> tuple[Finding,
     )
 
 
-def model_errors(problem: Problem, over: Array, shift: Array) -> tuple[Finding, ...]:
+def model_errors(over: Array, shift: Array) -> tuple[Finding, ...]:
     """Return the finding that errors are too large for noise, so that intervals lack what no block shows."""
     joints = np.flatnonzero(over > LASTING)
     if not joints.size:
