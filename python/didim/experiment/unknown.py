@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,32 +17,22 @@ Shared = Literal["joint", "limb", "robot", "log"]
 SOFT = ("creep_s", "rest_s")
 """Unknowns of MuJoCo's friction loss (s): a joint that sticks under a torque tau creeps with ``creep_s tau (M^-1)_jj``, which it
 approaches with the time constant ``rest_s``."""
-DRIVE = ("kp", "kv", "saturation", "delay_s", "lag_s", "bias_rad", *SOFT)
+_OF_DRIVES = {
+    "kp": ("N.m/rad", 0.0, math.inf),
+    "kv": ("N.m.s/rad", 0.0, math.inf),
+    "saturation": ("N.m", 0.0, math.inf),
+    "delay_s": ("s", 0.0, 0.1),
+    "lag_s": ("s", 0.0, 0.1),
+    "bias_rad": ("rad", -0.1, 0.1),
+    SOFT[0]: ("s", 1e-6, 1.0),
+    SOFT[1]: ("s", 1e-3, 0.1),
+}
+DRIVE = tuple(_OF_DRIVES)
 """Unknowns of position servos ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, with the reference behind a first-order
 lag, and of their friction."""
-
-UNITS = {
-    "kp": "N.m/rad",
-    "kv": "N.m.s/rad",
-    "saturation": "N.m",
-    "delay_s": "s",
-    "lag_s": "s",
-    "bias_rad": "rad",
-    "creep_s": "s",
-    "rest_s": "s",
-}
+UNITS = {kind: unit for kind, (unit, _, _) in _OF_DRIVES.items()}
 """Units of the unknowns of revolute joints."""
-
-RANGES: Mapping[str, tuple[float, float]] = {
-    "kp": (0.0, math.inf),
-    "kv": (0.0, math.inf),
-    "saturation": (0.0, math.inf),
-    "delay_s": (0.0, 0.1),
-    "lag_s": (0.0, 0.1),
-    "bias_rad": (-0.1, 0.1),
-    "creep_s": (1e-6, 1.0),
-    "rest_s": (1e-3, 0.1),
-}
+RANGES = {kind: (low, high) for kind, (_, low, high) in _OF_DRIVES.items()}
 """Default bounds of the unknowns: delays and lags beyond 0.1 s and biases beyond 6 degrees are faults of a robot, and a simulation
 whose sticking joints come to rest within less than 1 ms needs shorter steps than its users take."""
 

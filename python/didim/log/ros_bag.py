@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 
@@ -263,12 +263,16 @@ def _digest(path: Path) -> str:
 
 def mcap_content(path: Path) -> int:
     """Return the bytes of the messages of an .mcap file, as its chunks declare them."""
-    size, end = 0, path.stat().st_size
+    chunks = (stream.read(24) for kind, _, stream in mcap_records(path) if kind == CHUNK)
+    return sum(struct.unpack("<QQQ", head)[2] for head in chunks if len(head) == 24)
+
+
+def mcap_records(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:
+    """Return opcode, length and content of each record of an .mcap file outside its chunks."""
+    at, end = 8, path.stat().st_size  # after the magic bytes
     with path.open("rb") as stream:
-        at = 8  # the magic bytes
-        while at + 33 <= end:
+        while at + 9 <= end:
             stream.seek(at)
-            kind, length, _, _, declared = struct.unpack("<BQQQQ", stream.read(33))
-            size += declared if kind == CHUNK else 0
+            kind, length = struct.unpack("<BQ", stream.read(9))
+            yield kind, length, stream
             at += 9 + length
-    return size

@@ -20,7 +20,7 @@ from ..._tools.plugins import optional
 from ..._tools.words import did_you_mean, listing
 from ...errors import RecordingError
 from ..array_file import ArrayFile
-from ..ros_bag import EXPANDED, mcap_content
+from ..ros_bag import EXPANDED, mcap_content, mcap_records
 
 CHANNEL = 4
 """Opcode of the MCAP record that describes a topic."""
@@ -107,15 +107,10 @@ def _column(values: Sequence[Any]) -> Any:
 
 def has_json(path: Path) -> bool:
     """Whether an MCAP file has a JSON topic; only records outside its chunks are read, where writers repeat all topics."""
-    with path.open("rb") as stream:
-        at, end = 8, path.stat().st_size
-        while at + 9 <= end:
-            stream.seek(at)
-            kind, length = struct.unpack("<BQ", stream.read(9))
-            if kind == CHANNEL and _encoding(stream.read(min(length, 1 << 16))) == b"json":
-                return True
-            at += 9 + length
-    return False
+    return any(
+        kind == CHANNEL and _encoding(stream.read(min(length, 1 << 16))) == b"json"
+        for kind, length, stream in mcap_records(path)
+    )
 
 
 def _encoding(record: bytes) -> bytes:

@@ -6,7 +6,6 @@ Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -25,13 +24,6 @@ RISE = 1.02
 """Largest ratio by which the cost of the simulated torques may rise in a step."""
 FEWER_HALVINGS = 4
 """Largest number of times a secant step is halved when its run ends early or its cost rises."""
-
-
-class Globalisation(Protocol):
-    """A rule for the step from an iterate towards the solution of its system."""
-
-    def step(self, iterate: Iterate, solved: Solved) -> Step:
-        """Take a step towards the solution, and simulate the new iterate."""
 
 
 def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
@@ -162,3 +154,7 @@ class SecantSteps:
             squares += float(np.sum(((window.tau - motion[3]) * weights) ** 2))
             count += window.tau.size
         return squares / count
+
+
+Globalisation = SafeSteps | SecantSteps
+"""A rule for the step from an iterate towards the solution of its system."""

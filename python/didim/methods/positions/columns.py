@@ -121,14 +121,11 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
         raise FitError(
             f'{experiment.name}: links = "fixed" needs [controller] kind = "pd", without sample_time_s'
         )
-    nothing = np.zeros(robot.n_dof)
     drive = {
         "kp": law.laws[:, 0] * law.gain,
         "kv": law.laws[:, 1] * law.gain,
         "saturation": law.saturation * law.gain,
-        "delay_s": nothing,
-        "lag_s": nothing,
-        "bias_rad": nothing,
+        **dict.fromkeys(("delay_s", "lag_s", "bias_rad"), np.zeros(robot.n_dof)),
     }
     drive |= dict(zip(SOFT, np.transpose(robot.softness or [SOFTNESS] * robot.n_dof), strict=True))
     for kind, unknown in experiment.unknown.items():
