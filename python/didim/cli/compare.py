@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from .options import (
     INTERRUPTED,
     NOT_CONVERGED,
+    Commands,
+    Options,
     add_command,
     add_data,
     add_flag,
@@ -26,7 +28,6 @@ from .terminal.width import columns
 
 if TYPE_CHECKING:
     from ..experiment.experiment import Experiment
-    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:

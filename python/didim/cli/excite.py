@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .options import (
     CONVERGED,
     INTERRUPTED,
+    Commands,
     add_command,
     add_flag,
     add_option,
@@ -18,9 +18,6 @@ from .options import (
 )
 from .outputs import Saved, check_outputs
 from .terminal.messages import progress_lines
-
-if TYPE_CHECKING:
-    from .options import Commands
 
 DESIGN_PROGRESS_S = 1.0
 """Time (s) between two progress lines of a design."""

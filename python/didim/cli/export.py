@@ -6,14 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from .options import CONVERGED, add_command, add_flag, add_option, refuse, tell
+from .options import CONVERGED, Commands, Options, add_command, add_flag, add_option, refuse, tell
 from .outputs import Saved, check_outputs, refuse_existing
 from .terminal.width import fitted
-
-if TYPE_CHECKING:
-    from .options import Commands, Options
 
 NEW = Path()
 """Value of ``--mjcf`` without a file name: a new MJCF is written."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .options import (
+    Commands,
+    Options,
     add_command,
     add_experiment,
     add_flag,
@@ -22,9 +23,6 @@ from .options import (
     tell,
 )
 from .outputs import Saved, check_outputs
-
-if TYPE_CHECKING:
-    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:

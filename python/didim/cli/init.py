@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .options import (
     CONVERGED,
     NOT_CONVERGED,
+    Commands,
+    Options,
     add_chain,
     add_command,
     add_flag,
@@ -20,9 +21,6 @@ from .options import (
 )
 from .outputs import Saved
 from .terminal.messages import message
-
-if TYPE_CHECKING:
-    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:

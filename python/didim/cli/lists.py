@@ -5,14 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from .options import CONVERGED, add_command, add_flag, add_option, refuse
+from .options import CONVERGED, Commands, add_command, add_flag, add_option, refuse
 from .outputs import Saved, printed
 from .terminal.width import columns
-
-if TYPE_CHECKING:
-    from .options import Commands
 
 
 def add(commands: Commands) -> None:

@@ -13,7 +13,6 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 from .._tools.inputs import Run, one_run
 from .._tools.threads import core_threads
@@ -28,7 +27,7 @@ from .init import add as add_init
 from .lists import add as add_lists
 from .loads.payload import add as add_payload
 from .loads.residual import add as add_residual
-from .options import CONVERGED, INTERRUPTED, refuse
+from .options import CONVERGED, INTERRUPTED, Commands, refuse
 from .robots.base import add as add_base
 from .robots.robot import add as add_robot
 from .robots.view import add as add_view
@@ -38,9 +37,6 @@ from .terminal.completion import add as add_completion
 from .terminal.guide import MainParser, Parser, examples
 from .terminal.messages import message as tell_user
 from .validate import add as add_validate
-
-if TYPE_CHECKING:
-    from .options import Commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     # The type of what add_subparsers() returns has no public name.
     Commands = argparse._SubParsersAction[Parser]
     Options = argparse.ArgumentParser | argparse._ArgumentGroup
+else:  # they are types only, and costly to load
+    Commands = Options = Any
 
 CONVERGED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_data, add_option
+from ..options import CONVERGED, Commands, add_command, add_data, add_option
 from ..outputs import Saved, check_outputs
-
-if TYPE_CHECKING:
-    from ..options import Commands
 
 
 def add(commands: Commands) -> None:

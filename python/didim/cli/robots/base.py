@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from ..options import add_command, add_format, add_robot, formatted, tell
+from ..options import Commands, add_command, add_format, add_robot, formatted, tell
 from ..outputs import printed
-
-if TYPE_CHECKING:
-    from ..options import Commands
 
 
 def add(commands: Commands) -> None:

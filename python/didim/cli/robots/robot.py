@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..._tools.files import write_atomically
-from ..options import CONVERGED, add_chain, add_command, add_flag, add_option, locked, refuse, tell
+from ..options import CONVERGED, Commands, add_chain, add_command, add_flag, add_option, locked, refuse, tell
 from ..outputs import Saved, check_outputs, refuse_existing
 from ..terminal.messages import message
 
 if TYPE_CHECKING:
     from ...robot.robot import Robot
-    from ..options import Commands
 
 
 def add(commands: Commands) -> None:

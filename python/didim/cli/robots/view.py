@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_data, add_option, tell
+from ..options import CONVERGED, Commands, add_command, add_data, add_option, tell
 from ..terminal.messages import message
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ...robot.robot import Robot
     from ...view.playback import Playback
     from ...view.shapes import Shape
-    from ..options import Commands
 
 
 def add(commands: Commands) -> None:

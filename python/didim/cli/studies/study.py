@@ -13,6 +13,7 @@ from ..options import (
     CONVERGED,
     INTERRUPTED,
     NOT_CONVERGED,
+    Commands,
     add_command,
     add_flag,
     add_format,
@@ -27,7 +28,6 @@ from ..terminal.messages import message, progress_lines
 if TYPE_CHECKING:
     from ...monte_carlo.results import StudyResults
     from ...monte_carlo.study import Progress
-    from ..options import Commands
 
 EXAMPLES = (
     "didim study study.toml -o rows.jsonl",

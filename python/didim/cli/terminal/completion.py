@@ -10,13 +10,9 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, add_command, add_option
+from ..options import CONVERGED, Commands, add_command, add_option
 from .guide import command_sentences
-
-if TYPE_CHECKING:
-    from ..options import Commands
 
 
 def add(commands: Commands) -> None:
