@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
@@ -54,9 +54,6 @@ class Findings(Sequence[Finding]):
 
     def __len__(self) -> int:
         return len(self.items)
-
-    def __iter__(self) -> Iterator[Finding]:
-        return iter(self.items)
 
     def __str__(self) -> str:
         if not self.items:
