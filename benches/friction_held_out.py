@@ -185,19 +185,22 @@ def kr300(data: Path) -> didim.Experiment:
         return initialised(str(path), logs, options)
 
 
-Terms = Literal["plain", "auto, laws of the first", "auto, own laws"]
+Terms = Literal["plain", "auto, laws of the first", "auto, laws of all", "auto, own laws"]
 
 
-def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> float:
-    """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts.
+def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple[float, float]:
+    """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts; also without offsets.
 
-    With laws of the first log all estimates have the same, whose velocities have their columns in each covariance. With laws that
-    each part chooses for itself, friction of a joint is compared where its laws are the same: elsewhere it is defined otherwise.
+    With laws of the first log, or of all logs together, all estimates have the same, whose velocities have their columns in each
+    covariance. With laws that each part chooses for itself, friction of a joint is compared where its laws are the same: elsewhere
+    it is defined otherwise.
     """
     logs = [replace(log, signal=Cut.of(log.signal)) for log in logs]
     method = didim.IDIMLS(uncertainty="jackknife")
     Cut.rows = slice(None)
-    robot = fitted(logs[0], terms != "plain")[0]
+    recordings = tuple(one for log in logs for one in log.recordings)
+    chosen_on = replace(logs[0], recordings=recordings) if terms == "auto, laws of all" else logs[0]
+    robot = fitted(chosen_on, terms != "plain")[0]
     estimates = []
     for log in logs:
         job = didim.IDIMLS().job(log)
@@ -207,7 +210,7 @@ def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> float
             robot = fitted(log, True)[0] if terms == "auto, own laws" else robot
             estimates.append((robot, method.run(replace(log, robot=robot), Reporter())))
         Cut.rows = slice(None)
-    ratios = []
+    ratios: list[tuple[str, float]] = []
     for (one_robot, one), (two_robot, two) in combinations(estimates, 2):
         values = dict(zip(two.names, zip(two.beta, two.std, strict=True), strict=True))
         other = {
@@ -218,8 +221,12 @@ def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> float
                 continue
             size = np.hypot(std, values[name][1])
             if std > 0.0 and values[name][1] > 0.0:
-                ratios.append((value - values[name][0]) / size)
-    return float(np.sqrt(np.mean(np.square(ratios))))
+                ratios.append((name, (value - values[name][0]) / size))
+    kinds = (
+        [ratio for name, ratio in ratios if not (left_out and name.startswith("Off"))] for left_out in (0, 1)
+    )
+    every, without = (float(np.sqrt(np.mean(np.square(kind)))) for kind in kinds)
+    return every, without
 
 
 def laws(robot: didim.Robot, joint: int) -> set[str]:
@@ -366,6 +373,8 @@ def compared(
             both = unisa(data, which) if which == "ur10" else kr300(data)
             fit = [replace(both, recordings=(replace(one, role="fit"),)) for one in both.recordings[:2]]
             yield f"{which}, two logs", fit, 1
+            for log in fit:
+                yield f"{which}, halves of {log.recordings[0].name}", [log], 2
     if "tx40" in arms:
         yield "TX40, thirds", [didim.load_experiment(examples / "tx40_log_best.toml", data=data / "tx40")], 3
     if "ur10e" in arms:
@@ -398,10 +407,11 @@ def main() -> int:
     examples = Path(__file__).resolve().parents[1] / "examples"
     if args.between:
         kinds = get_args(Terms)
-        print(f"differences of estimates over their standard deviations, rms: {'; '.join(kinds)}", flush=True)
+        what = "differences of estimates over their standard deviations, rms (without offsets)"
+        print(f"{what}: {'; '.join(kinds)}", flush=True)
         for name, logs, parts in compared(args.data, examples, args.arms):
-            found = [f"{between(logs, parts, terms):7.2f}" for terms in kinds]
-            print(f"{name:45} {' '.join(found)}", flush=True)
+            pairs = [between(logs, parts, terms) for terms in kinds]
+            print(f"{name:45} {' '.join(f'{one:7.2f} ({two:.2f})' for one, two in pairs)}", flush=True)
         return 0
     print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     for name, run in cases(args.data, examples, args.arms):

@@ -14,8 +14,10 @@ import didim
 import friction_logs
 from didim.errors import FitError
 from didim.methods.friction import FoundFriction
-from didim.regression.friction.candidates import joints_without_memory, narrowest_memory
+from didim.regression.block import stacked
+from didim.regression.friction.candidates import Candidate, joints_without_memory, narrowest_memory
 from didim.regression.friction.choice import FrictionChoice, choose_terms
+from didim.regression.friction.screen import Screen
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
@@ -145,6 +147,26 @@ def test_a_law_that_the_log_does_not_tell_from_another_is_marked() -> None:
     clear, faint = laws(0.4), laws(0.1)
     assert not any(clear[name]["doubtful"] or clear[name]["rival"] for name in ("Fs1", "Fs2"))
     assert any(one["doubtful"] or one["rival"] for one in faint.values()), faint
+
+
+def test_a_law_that_is_not_chosen_without_one_block_does_not_recur() -> None:
+    rng = np.random.default_rng(4)
+    rows = 200
+    everywhere, in_two_blocks, noise = rng.standard_normal((3, rows))
+    in_two_blocks[2 * rows // 5 :] = 0.0
+    system = LinearSystem(
+        w=np.ones((rows, 1)),
+        y=2.0 + everywhere + in_two_blocks + 0.1 * noise,
+        blocks=stacked(1, [rows]),
+        names=("Off1",),
+    )
+    pool = [
+        Candidate(term=FrictionTerm(law="forward", joint=0), held=None, column=everywhere),
+        Candidate(term=FrictionTerm(law="rest", joint=0), held=None, column=in_two_blocks),
+    ]
+    screen = Screen(system, np.ones(rows), pool)
+    assert {move.term.law for move in screen.chosen()} == {"forward", "rest"}
+    assert screen.recurring() == {(0, "forward")}
 
 
 def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:

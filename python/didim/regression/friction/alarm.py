@@ -14,8 +14,9 @@ of the estimate with the columns of all joints beside A,
 
     b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
-After ``terms = "auto"`` the shift includes what the choice left open: a term whose gain on held-out blocks is not clear, and
-the other of atan and Stribeck's law where both fit.
+After ``terms = "auto"`` the shift includes what the choice left open: a term whose gain on held-out blocks is not clear or that is
+not chosen without one of them, and the other of atan and Stribeck's law where both fit. Their changes are independent: their
+squares are added.
 
 Sources: Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz (1978) for the choice among laws.
 Tested in ``tests/test_friction_alarm.py``.
@@ -227,15 +228,15 @@ def friction_alarm(
         p_value=p_value,
         law=min(moved, key=lambda family: moved[family][0], default=""),
         tested=tested,
-        shift=np.max([np.zeros(b), *changes, *_open_shifts(system, fit)], axis=0),
+        shift=np.max([_open_shift(system, fit), *changes], axis=0),
         visible={family: np.where(values > 0.0, values, np.inf) for family, values in visible.items()},
     )
 
 
-def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
-    """Return the changes of the estimate with each of the alternatives of a system, (b,); of the law itself zero."""
+def _open_shift(system: LinearSystem, fit: Fit) -> Array:
+    """Return the root of the squared changes of the estimate with the alternatives of a system, (b,); of the law itself 0."""
     if not system.alternatives:
-        return []
+        return np.zeros(len(system.names))
     names = [*system.names, *system.slopes]
     b, n = len(system.names), len(names)
     others = [column for _, column in system.alternatives]
@@ -245,7 +246,7 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
     # At the estimate all velocities are the best: their columns have no share of the torque.
     best = np.zeros(n)
     best[:b] = np.linalg.lstsq(products[:b, :b], torques[:b], rcond=None)[0]
-    shifts = []
+    squares = np.zeros(b)
     for k, (name, column) in enumerate(system.alternatives):
         used = np.array(
             [index for index, key in enumerate(names) if key != name] + ([n + k] if column.any() else [])
@@ -254,8 +255,8 @@ def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
         shared = used < n
         changed = best.copy()
         changed[used[shared]] = solution[shared]
-        shifts.append(np.abs((changed - best) / size[:n])[:b])
-    return shifts
+        squares += np.square((changed - best) / size[:n])[:b]
+    return np.sqrt(squares)
 
 
 def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:

@@ -24,7 +24,7 @@ from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
 from .candidates import joints_without_memory, narrowest_memory, pool_of
-from .screen import Folds, Move, Screen, clear
+from .screen import Folds, Move, Screen, clear, law_at
 from .velocity import SettledFriction, VelocityEstimate, other_curve, settled
 
 LARGEST_MISFIT = 0.3
@@ -137,7 +137,8 @@ def choose_terms(
     compared = _compared(settle, trial, terms, folds, solve)
     trial = compared.settled
     moves = [replace(move, term=term) for move, term in zip(moves, compared.terms, strict=True)]
-    doubtful = {move.term.parameter for move in moves if not move.clear}
+    recurring = screen.recurring()
+    doubtful = {move.term.parameter for move in moves if not move.clear or law_at(move.term) not in recurring}
     chosen_terms = tuple(
         replace(term, doubtful=term.parameter in doubtful, rival=compared.rivals.get(term.parameter, 0.0))
         for term in _without_driving(trial.robot, trial.beta)

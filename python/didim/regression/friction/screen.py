@@ -9,6 +9,7 @@ Tested in ``tests/test_friction_choice.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -196,6 +197,30 @@ class Screen:
 
     def chosen(self) -> list[Move]:
         """Choose terms one after the other; with what the blocks would lose without each, the largest loss first."""
+        state = self._supported_state()
+        moves = [
+            self._worth(self.pool[self.held_coulomb[joint] - self.n].term, self._toggled(state, joint), state)
+            for joint in sorted(state.holds)
+        ]
+        for index in state.columns:
+            rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
+            moves.append(self._worth(self.pool[index - self.n].term, rest, state))
+        return sorted(moves, key=lambda move: -move.gain)
+
+    def recurring(self) -> set[tuple[int, str]]:
+        """Return joint and family of the laws that are chosen whichever block the choice lacks, neither held out nor fitted."""
+        choices = []
+        for left_out in range(len(self.blocks)):
+            held = [fold.held for k, fold in enumerate(self.blocks) if k != left_out]
+            total = sum(held, np.zeros_like(held[0]))
+            other = copy(self)
+            other.blocks = [_Fold(block, total - block) for block in held]
+            columns = other._supported_state().columns
+            choices.append({law_at(self.pool[k - self.n].term) for k in columns})
+        return set.intersection(*choices)
+
+    def _supported_state(self) -> _State:
+        """Return the columns that the blocks support, added one after the other and refined."""
         state = _State(base=list(range(self.n)))
         # Memory last, and beside a sign that is kept: in its place a state of little width predicts other motions worse.
         for self.memory in (False, True):
@@ -205,14 +230,7 @@ class Screen:
                 if step.added is not None:
                     state.columns.append(step.added)
             state = self._refined(state)
-        moves = [
-            self._worth(self.pool[self.held_coulomb[joint] - self.n].term, self._toggled(state, joint), state)
-            for joint in sorted(state.holds)
-        ]
-        for index in state.columns:
-            rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
-            moves.append(self._worth(self.pool[index - self.n].term, rest, state))
-        return sorted(moves, key=lambda move: -move.gain)
+        return state
 
     def _worth(self, term: FrictionTerm, without: _State, state: _State) -> Move:
         """Return what a term takes off the error that the blocks have without it."""
@@ -245,17 +263,14 @@ class Screen:
 
     def _open(self, state: _State, joint: int | None = None) -> list[int]:
         """Return the columns that may be added: of a term that is not there yet, for the sign that its joint has."""
-        there = {
-            (candidate.term.joint, _family(candidate.term))
-            for candidate in (self.pool[k - self.n] for k in state.columns)
-        }
+        there = {law_at(self.pool[k - self.n].term) for k in state.columns}
         return [
             self.n + k
             for k, candidate in enumerate(self.pool)
             if candidate.term.law != "hold"
             and (candidate.term.law != "dahl" or (self.memory and candidate.term.joint in state.holds))
             and (joint is None or candidate.term.joint == joint)
-            and (candidate.term.joint, _family(candidate.term)) not in there
+            and law_at(candidate.term) not in there
             and candidate.held in (None, candidate.term.joint in state.holds)
         ]
 
@@ -351,9 +366,9 @@ class Screen:
         return np.array([_error(fold, [*state.base, *state.columns]) for fold in self.blocks])
 
 
-def _family(term: FrictionTerm) -> str:
-    """Name the laws of which a joint has one at most: atan and Stribeck's law explain the same residual."""
-    return "curve" if term.law in ("atan", "stribeck") else term.law
+def law_at(term: FrictionTerm) -> tuple[int, str]:
+    """Return joint and family, of which the joint has one law at most: atan and Stribeck's law explain the same residual."""
+    return term.joint, "curve" if term.law in ("atan", "stribeck") else term.law
 
 
 def _solved(fold: _Fold, current: Sequence[int], right: Array) -> Array:
