@@ -156,7 +156,7 @@ def test_a_law_that_is_not_chosen_without_one_block_does_not_recur() -> None:
     in_two_blocks[2 * rows // 5 :] = 0.0
     system = LinearSystem(
         w=np.ones((rows, 1)),
-        y=2.0 + everywhere + in_two_blocks + 0.1 * noise,
+        y=2.0 + everywhere + in_two_blocks + noise,
         blocks=stacked(1, [rows]),
         names=("Off1",),
     )
