@@ -18,9 +18,9 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
+from PIL import Image
 
 import didim
 from didim._tools.arrays import Array
@@ -31,7 +31,8 @@ from didim.plot.skeleton import skeleton
 from didim.plot.style import MODEL, RESIDUAL
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "img"
-LINK = "#3a424d"
+INK = "#707a86"
+"""Colour of letters, axes and links. The pictures have no background: its contrast is 4.3 on white and on GitHub's dark page."""
 POSE = (-0.6, -1.2, 1.4, -0.8, -1.2, 0.0)
 """Pose of the drawn UR10e (rad): elbow up, so that no link hides another."""
 AXIS_SHARE = 0.15
@@ -70,12 +71,12 @@ def draw_arm(axes: Axes3D, robot: didim.Robot, q: Array, half_m: float, middle_m
     """Draw the links and joint axes of a robot in a pose, within a cube of twice `half_m` around `middle_m`."""
     points, directions = skeleton(robot, q)
     origins = frames(robot, q[None])[0, 1:, :3, 3]
-    axes.plot(*points.T, color=LINK, linewidth=7.0, solid_capstyle="round", solid_joinstyle="round")
+    axes.plot(*points.T, color=INK, linewidth=7.0, solid_capstyle="round", solid_joinstyle="round")
     for origin, z in zip(origins, directions, strict=True):
         ends = np.stack([origin - AXIS_SHARE * half_m * z, origin + AXIS_SHARE * half_m * z])
         axes.plot(*ends.T, color=MODEL, linewidth=2.0)
-    axes.plot(*points[:1].T, marker="s", markersize=13, color=LINK, linestyle="none")
-    axes.plot(*origins.T, marker="o", markersize=4, color="white", markeredgecolor=LINK, linestyle="none")
+    axes.plot(*points[:1].T, marker="s", markersize=13, color=INK, linestyle="none")
+    axes.plot(*origins.T, marker="o", markersize=4, color="white", markeredgecolor=INK, linestyle="none")
     for limit, middle in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle_m, strict=True):
         limit(middle - half_m, middle + half_m)
     axes.set_box_aspect((1, 1, 1), zoom=1.5)
@@ -139,13 +140,13 @@ def picture(folder: Path) -> Figure:
         ),
     )
     for x, title, line in heads:
-        figure.text(x, 0.935, title, fontsize=13, fontweight="bold", color="#1b2430")
-        figure.text(x, 0.88, line, fontsize=10, color="#4a5563")
+        figure.text(x, 0.935, title, fontsize=13, fontweight="bold")
+        figure.text(x, 0.88, line, fontsize=10)
     return figure
 
 
-def animation(folder: Path) -> FuncAnimation:
-    """Animate the motion that `didim excite tx40` designs, with the path of the last frame."""
+def animation(folder: Path) -> list[Image.Image]:
+    """Return pictures of the motion that `didim excite tx40` designs, with the path of the last frame."""
     os.chdir(folder)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         if didim_command(["excite", "tx40", "-o", "motion.csv"]) != 0:
@@ -161,14 +162,15 @@ def animation(folder: Path) -> FuncAnimation:
     figure.subplots_adjust(0, 0, 1, 1)
     axes: Any = figure.add_subplot(projection="3d")
 
-    def draw(frame: int) -> list[Any]:
-        index = int(every[frame])
+    pictures: list[Image.Image] = []
+    for index in every.tolist():
         axes.clear()
         axes.plot(*way[: index + 1 : 4].T, color=RESIDUAL, linewidth=0.8, alpha=0.8)
         draw_arm(axes, robot, q[index], 0.33, np.array([0.0, 0.0, 0.1]))
-        return []
-
-    return FuncAnimation(figure, draw, frames=len(every))
+        data = io.BytesIO()
+        figure.savefig(data, transparent=True)
+        pictures.append(Image.open(data))
+    return pictures
 
 
 def main() -> None:
@@ -176,12 +178,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", choices=("first", "motion"))
     only = parser.parse_args().only
-    mpl.rcParams["font.family"] = "DejaVu Sans"
+    inked = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
+    style: dict[Any, Any] = {"font.family": "DejaVu Sans", **dict.fromkeys(inked, INK)}
+    mpl.rcParams.update(style)
     with tempfile.TemporaryDirectory() as name:
         if only != "motion":
-            picture(Path(name) / "ur10e").savefig(IMAGES / "first.png", dpi=150, facecolor="white")
+            picture(Path(name) / "ur10e").savefig(IMAGES / "first.png", dpi=150, transparent=True)
         if only != "first":
-            animation(Path(name)).save(str(IMAGES / "motion.gif"), writer=PillowWriter(fps=FRAMES_PER_S))
+            first, *rest = animation(Path(name))
+            # Each picture takes the place of the one before: without a background it would show through.
+            first.save(
+                IMAGES / "motion.gif",
+                save_all=True,
+                append_images=rest,
+                duration=round(1000 / FRAMES_PER_S),
+                loop=0,
+                disposal=2,
+            )
         os.chdir(IMAGES)
 
 

@@ -55,7 +55,8 @@ def test_the_gallery_draws_what_its_blocks_draw() -> None:
     page = "```python\nfrom didim.plot.style import new_figure\n```\n\n```python\nfigure = new_figure(1.0)\n```\ntext"
     ((end, picture),) = gallery.drawn(page)
     assert page[end:] == "\ntext"
-    assert picture.startswith(b"\x89PNG")
+    assert picture.startswith("<figure>")
+    assert 'aria-label="figure = new_figure(1.0)"' in picture
     blocks = gallery.BLOCK.findall((ROOT / "docs" / gallery.PAGE).read_text(encoding="utf-8"))
     assert sum("figure = " in block for block in blocks) == 12
     assert all(len(block.splitlines()) <= 10 for block in blocks)

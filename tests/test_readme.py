@@ -77,6 +77,25 @@ def test_it_reads_the_same_on_a_package_index() -> None:
         assert (ROOT / page).is_file(), page
 
 
+def test_its_pictures_are_readable_on_light_and_dark_pages() -> None:
+    """They have no background, and the ink has an equal contrast (WCAG) to white and to GitHub's dark page."""
+    from PIL import Image
+
+    for name in ("first.png", "motion.gif"):
+        with Image.open(ROOT / "docs" / "img" / name) as opened:
+            assert np.asarray(opened.convert("RGBA"))[0, 0, 3] == 0
+
+    def luminance(colour: str) -> float:
+        parts = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ (0.2126, 0.7152, 0.0722))
+
+    ink = luminance(script(ROOT / "benches" / "first_picture.py").INK)
+    for page in ("#ffffff", "#0d1117"):
+        low, high = sorted((ink, luminance(page)))
+        assert (high + 0.05) / (low + 0.05) > 4.2
+
+
 def test_the_readme_of_an_index_has_absolute_links_alone() -> None:
     absolute = script(ROOT / "benches" / "index_readme.py").absolute
     text = absolute(README, "https://pages.example/didim/")

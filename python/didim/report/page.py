@@ -59,11 +59,6 @@ section > p { max-width: 84ch; margin: 6px 0; }
 .tiles span { color: var(--soft); font-size: 13px; }
 ul.findings { margin: 6px 0 4px; padding-left: 22px; }
 figure { margin: 12px 0 0; overflow-x: auto; }
-/* A picture is the entries of its legend and its panels in rows, all cut from one image, so that a phone can stack them. */
-.picture { max-width: 100%; print-color-adjust: exact; }
-.columns, .legend { display: flex; }
-.picture span { display: block; flex: none; background: var(--image) no-repeat; }
-.phone { display: none; max-width: 100%; }
 .scroll { overflow-x: auto; margin-top: 10px; }
 table { border-collapse: collapse; font-size: 13.5px; }
 .beside { display: flex; flex-wrap: wrap; column-gap: 36px; }
@@ -97,15 +92,6 @@ h2 { scroll-margin-top: 12px; }
   .verdict > p { font-size: 15.5px; }
   .tiles { grid-template-columns: repeat(auto-fill, minmax(100px, 1fr)); }
   .tiles b { font-size: 17px; }
-  .columns { flex-direction: column; }
-  .columns > span { width: 100% !important; }
-  .columns > .empty { display: none; }
-  .legend { flex-wrap: wrap; justify-content: center; margin: 0 0 6px !important; }
-  .legend > span { width: calc(var(--own) * 1px) !important; max-width: 100%; }
-  .picture.aside { width: 700px !important; max-width: none; }
-  /* One wide panel is drawn once more for a phone. */
-  .picture.wide > .columns { display: none; }
-  .picture.wide > .phone { display: block; }
   th, td { padding-right: 8px; font-size: 12.5px; }
   td.number { font-size: 11.5px; }
   /* A table keeps its first column in sight; one of cards has a line for each number. */
@@ -118,6 +104,26 @@ h2 { scroll-margin-top: 12px; }
 }
 @media print { nav { display: none; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
 """
+
+PICTURE_STYLE = """\
+/* A picture is the entries of its legend and its panels in rows, all cut from one image, so that a phone can stack them. */
+.picture { max-width: 100%; print-color-adjust: exact; }
+.columns, .legend { display: flex; }
+.picture span { display: block; flex: none; background: var(--image) no-repeat; }
+.phone { display: none; max-width: 100%; }
+@media (max-width: 640px) {
+  .columns { flex-direction: column; }
+  .columns > span { width: 100% !important; }
+  .columns > .empty { display: none; }
+  .legend { flex-wrap: wrap; justify-content: center; margin: 0 0 6px !important; }
+  .legend > span { width: calc(var(--own) * 1px) !important; max-width: 100%; }
+  .picture.aside { width: 700px !important; max-width: none; }
+  /* One wide panel is drawn once more for a phone. */
+  .picture.wide > .columns { display: none; }
+  .picture.wide > .phone { display: block; }
+}
+"""
+"""Style of pictures, which the gallery of the documentation shares."""
 
 # Nothing may be fetched, even if a file name or a message contains HTML.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -165,7 +171,7 @@ def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(title)}</title>
 <style>
-{STYLE}</style>
+{STYLE}{PICTURE_STYLE}</style>
 </head>
 <body>
 <main>
