@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from operator import attrgetter
 from pathlib import Path
@@ -82,6 +83,48 @@ def test_the_tests_that_modules_name_exist() -> None:
             assert (ROOT / "tests" / file).is_file(), f"{module.name}: {file}"
             count += 1
     assert count > 20
+
+
+VERBS = {
+    *(
+        "Add",
+        "Compare",
+        "Compute",
+        "Design",
+        "Estimate",
+        "Find",
+        "Identify",
+        "Interpolate",
+        "Limit",
+        "Load",
+        "Look",
+        "Make",
+    ),
+    *("Move", "Read", "Restore", "Return", "Simulate", "Write"),
+}
+"""First words of docstrings of public functions."""
+
+
+def test_docstrings_of_the_api_begin_with_a_verb_in_a_short_line() -> None:
+    names = re.findall(
+        r"^::: didim\.(\S+)", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    public = {name: attrgetter(name)(didim) for name in names}
+    methods = {
+        f"{name}.{key}": getattr(value, key)
+        for name, value in public.items()
+        if isinstance(value, type)
+        for key in vars(value)
+        if not key.startswith("_") and inspect.isroutine(getattr(value, key))
+    }
+    for name, value in (public | methods).items():
+        if inspect.ismodule(value):
+            continue
+        first = (inspect.getdoc(value) or "").partition("\n")[0]
+        assert 0 < len(first) <= 80, f"{name}: {first}"
+        assert isinstance(value, type) or not inspect.isroutine(value) or first.split()[0] in VERBS, (
+            f"{name}: {first}"
+        )
 
 
 def test_the_page_on_the_api_has_every_public_name() -> None:

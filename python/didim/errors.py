@@ -66,7 +66,7 @@ class SimulationError(DidimError):
 
 
 class StudyError(DidimError):
-    """A study that cannot be run: a wrong key, rows of another study, or failing workers."""
+    """A study that cannot be run: a wrong key, other rows, or failing workers."""
 
 
 class ExampleError(DidimError):

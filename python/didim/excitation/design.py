@@ -121,7 +121,10 @@ class Excitation(Pickled, Printed):
         return relative_percent(self.std, self.robot.base_parameters.project(self.x))
 
     def sampled(self, rate_hz: float | None = None) -> tuple[Array, Array, Array, Array]:
-        """Return times (s), positions, velocities and accelerations with ramps, at the controller's rate by default."""
+        """Return times (s), positions, velocities and accelerations, with ramps.
+
+        The rate is that of the controller by default.
+        """
         rate = self.settings.rate_hz if rate_hz is None else rate_hz
         return whole_motion(self.reference, *self.ramps, rate)
 

@@ -43,7 +43,7 @@ class Ramp:
     duration: float
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at times within the ramp, ``(n_times, n_dof)`` each."""
+        """Return positions, velocities and accelerations at times within the ramp, ``(n_times, n_dof)`` each."""
         u = t / self.duration
         span = self.end - self.start
         s = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

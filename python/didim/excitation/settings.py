@@ -31,7 +31,9 @@ rounding."""
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationSettings:
-    """Settings of a design, joint side, SI units. For None the robot file gives the value, or there is no limit.
+    """Settings of a design, joint side, SI units.
+
+    For None the robot file gives the value, or there is no limit.
 
     Tested in ``tests/test_excitation.py``.
 

@@ -29,7 +29,7 @@ from .unknown import Unknown
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Experiment:
-    """Content of an experiment file; it can also be made in Python from a robot and recordings.
+    """Content of an experiment file, or the same made in Python.
 
     Tested in ``tests/test_experiment.py``.
 
@@ -107,7 +107,7 @@ class Experiment:
         controller: Controller | None = None,
         **settings: Any,
     ) -> Experiment:
-        """Make an experiment from arrays, with the filters that ``didim init`` would choose.
+        """Make an experiment from arrays, with filters chosen as by ``didim init``.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class Experiment:
     def from_recordings(
         cls, robot: Robot | str | Path, recordings: Sequence[Recording], **settings: Any
     ) -> Experiment:
-        """Make an experiment from recordings, with the filters that ``didim init`` would choose; see `from_arrays`."""
+        """Make an experiment from recordings, with filters chosen as by `from_arrays`."""
         from .draft_filters import choose_filters, sentence_of
 
         robot = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -210,7 +210,7 @@ class Experiment:
         return self.simulation.robot(self.robot)
 
     def with_gains(self, gains: Array) -> Experiment:
-        """Return the experiment with currents converted to torques by drive gains (n_dof,)."""
+        """Return the experiment with torques in place of currents, by gains (n_dof,)."""
         return replace(self, recordings=tuple(recording.with_gains(gains) for recording in self.recordings))
 
     def __post_init__(self) -> None:

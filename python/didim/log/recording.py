@@ -187,7 +187,7 @@ class Recording(Pickled, Brief):
         q_ref: ArrayLike | None = None,
         role: Role = "fit",
     ) -> Recording:
-        """Make a recording from arrays, such as simulated ones: joint side, SI, (n_samples, n_dof).
+        """Make a recording from arrays: joint side, SI, (n_samples, n_dof).
 
         `q` is None for a log with reference positions only.
         """
@@ -215,7 +215,10 @@ class Recording(Pickled, Brief):
         return self.tau if self.tau is None or self.external is None else self.tau + self.external
 
     def with_gains(self, gains: Array) -> Recording:
-        """Return the recording with torques in place of currents, by drive gains (n_dof,); itself if it has torques."""
+        """Return the recording with torques in place of currents, by gains (n_dof,).
+
+        A recording with torques is returned itself.
+        """
         if self.drives is None or self.tau is None:
             return self
         reduction = np.array(self.drives)

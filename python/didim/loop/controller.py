@@ -112,7 +112,7 @@ class Controller(Pickled, Brief):
         saturation: ArrayLike = math.inf,
         digital: Digital | None = None,
     ) -> Controller:
-        """``u = kp e + kv (w dq_ref - dq) + acceleration ddq_ref``.
+        """Make a PD: ``u = kp e + kv (w dq_ref - dq) + acceleration ddq_ref``.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class Controller(Pickled, Brief):
         saturation: ArrayLike = math.inf,
         digital: Digital | None = None,
     ) -> Controller:
-        """As `pd`, with ``ki`` times the integral of the position error.
+        """Make a PID: `pd` with ``ki`` times the integral of the position error.
 
         The integral is stopped while it would drive a saturated output further (anti-windup).
         """
@@ -180,7 +180,9 @@ class Controller(Pickled, Brief):
         saturation: ArrayLike = math.inf,
         digital: Digital | None = None,
     ) -> Controller:
-        """Position loop around a velocity loop: ``u = kv (v + 1/Ti integral of v)`` with ``v = kp e + w dq_ref - dq``.
+        """Make a cascade of a position and a velocity loop.
+
+        ``u = kv (v + 1/Ti integral of v)`` with ``v = kp e + w dq_ref - dq``.
 
         Parameters
         ----------
@@ -220,7 +222,7 @@ class Controller(Pickled, Brief):
         inertia: ArrayLike,
         **options: object,
     ) -> Controller:
-        """PD with a given natural frequency and damping of ``J e'' + kv e' + kp e = 0``.
+        """Make a PD with a natural frequency and damping, ``J e'' + kv e' + kp e = 0``.
 
         Parameters
         ----------

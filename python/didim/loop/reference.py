@@ -62,7 +62,7 @@ class Reference(Brief):
         return self.core.span[1]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at times.
+        """Return positions, velocities and accelerations at times.
 
         Parameters
         ----------
@@ -80,7 +80,10 @@ class Reference(Brief):
         return self.core.at(times)
 
     def of_joints(self, joints: Sequence[int]) -> Reference | None:
-        """Return the motion of some joints, from 0; None if accelerations jump, as in moves whose joints arrive together."""
+        """Return the motion of some joints, from 0.
+
+        None if accelerations jump, as in moves whose joints arrive together.
+        """
         if self.core.breaks:
             return None
         maker, (first, *arguments) = self.made_from
@@ -115,7 +118,7 @@ class Reference(Brief):
 
     @classmethod
     def through(cls, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, rate_hz: float) -> Reference:
-        """Interpolate samples of positions, velocities and accelerations at a constant rate, by quintics.
+        """Interpolate samples of a motion at a constant rate by quintics.
 
         Parameters
         ----------
@@ -145,7 +148,9 @@ class Reference(Brief):
         offset: ArrayLike = 0.0,
         duration_s: float | None = None,
     ) -> Reference:
-        """Fourier series ``offset + sum_k sine_k sin(k w t) + cosine_k cos(k w t)`` with ``w = 2 pi / period``.
+        """Make a Fourier series, with ``w = 2 pi / period``.
+
+        ``q = offset + sum_k sine_k sin(k w t) + cosine_k cos(k w t)``.
 
         Parameters
         ----------
@@ -199,7 +204,9 @@ class Reference(Brief):
         duration_s: float | None = None,
         seed: int = 0,
     ) -> Reference:
-        """Random Fourier series that starts at rest, each joint scaled to the first of its limits.
+        """Make a random Fourier series that starts at rest.
+
+        Each joint is scaled to the first of its limits.
 
         Amplitudes are normal and decrease with the harmonic, which excites position, velocity and acceleration. A correction
         sets position ``offset``, zero velocity and zero acceleration at the start of each period.
@@ -268,7 +275,9 @@ class Reference(Brief):
         max_acceleration: ArrayLike,
         dwell_s: float = 0.0,
     ) -> Reference:
-        """Move between points with trapezoidal velocity; all joints of a move start and arrive together.
+        """Move between points with trapezoidal velocity.
+
+        All joints of a move start and arrive together.
 
         Parameters
         ----------

@@ -96,7 +96,7 @@ def simulate(  # many parameters: the public keywords of the page on the API
     threads: int | None = None,
     check: bool | None = None,
 ) -> Simulation:
-    """Simulate the controlled robot, (4) with its controller, for one candidate or many.
+    """Simulate the controlled robot (4), for one candidate or many.
 
     Tested in ``tests/test_simulation.py``.
 

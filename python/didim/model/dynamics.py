@@ -23,7 +23,7 @@ def inverse_dynamics(
     *,
     temperature: ArrayLike | None = None,
 ) -> Array:
-    """Torques of a motion: ``tau = M(q) ddq + N(q, dq)``, rotors and friction included, equation (1).
+    """Compute the torques of a motion, equation (1), rotors and friction included.
 
     Checked against Pinocchio's ``rnea`` and against the regressor in ``tests/test_pinocchio.py`` and
     ``tests/test_identities.py``.
@@ -72,7 +72,7 @@ def regressor(
     temperature: ArrayLike | None = None,
     out: Array | None = None,
 ) -> Array:
-    """Regressor of the inverse dynamic model: ``tau = W x`` at each sample, equation (2).
+    """Compute the regressor of the inverse model, ``tau = W x``, equation (2).
 
     Checked against Pinocchio's ``computeJointTorqueRegressor`` in ``tests/test_pinocchio.py``.
 
@@ -125,7 +125,9 @@ def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Arr
 
 
 def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
-    """Torques that hold the robot still against gravity and springs, without friction and offsets: gravity compensation.
+    """Compute the torques against gravity and springs (gravity compensation).
+
+    Friction and offsets are left out.
 
     They are those of `inverse_dynamics` at rest with links and rotors alone, and of ``NAME_gravity`` of `didim.export.to_c`; both
     are compared in ``tests/test_identities.py`` and ``tests/test_export_c.py``.
@@ -167,7 +169,7 @@ def friction_places(robot: Robot) -> tuple[int, ...]:
 
 
 def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
-    """Inertia matrix ``M(q)`` of (1), rotors and coupled motors included.
+    """Compute the inertia matrix ``M(q)`` of (1), rotors and coupled motors included.
 
     Checked against Pinocchio's ``crba`` in ``tests/test_pinocchio.py``.
 
@@ -197,7 +199,7 @@ def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
 
 
 def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x: ArrayLike) -> Array:
-    """Accelerations of a robot under torques: ``M(q) ddq = tau - N(q, dq)``, equation (4).
+    """Compute the accelerations of a robot under torques, equation (4).
 
     Checked against Pinocchio's ``aba`` in ``tests/test_pinocchio.py``, and as the inverse of
     `inverse_dynamics` in ``tests/test_identities.py``.

@@ -76,7 +76,7 @@ class StudyResults(Printed):
         )
 
     def with_columns(self, *names: str) -> StudyResults:
-        """Return the results with these columns in their tables, such as "rms" and "torque error".
+        """Return the results with these columns in their tables, such as "rms".
 
         Raises
         ------
@@ -106,7 +106,7 @@ class StudyResults(Printed):
         return tuple(figures)
 
     def columns(self) -> dict[str, list[str | int | float]]:
-        """Return the figures as columns; an estimate has three, for value, lower and upper end."""
+        """Return the figures as columns, an estimate as value, lower and upper end."""
         columns: dict[str, list[str | int | float]] = defaultdict(list)
         for figures in self.figures:
             for key in (field.name for field in fields(figures)):

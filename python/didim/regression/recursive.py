@@ -154,7 +154,7 @@ class Recursive:
         self._take(w, y)
 
     def update_rows(self, w: ArrayLike, y: ArrayLike) -> None:
-        """Add filtered and decimated rows of (7) computed elsewhere; they are not averaged.
+        """Add filtered and decimated rows of (7); they are not averaged.
 
         Parameters
         ----------

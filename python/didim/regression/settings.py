@@ -20,7 +20,7 @@ independent."""
 
 @dataclass(frozen=True, kw_only=True)
 class LeastSquaresSettings:
-    """Settings of the solution of (7) with the weights (11), and of its covariance (8) to (10).
+    """Settings of the solution of (7), of its weights and of its covariance.
 
     Tested in ``tests/test_least_squares.py`` and ``tests/test_jackknife.py``.
 

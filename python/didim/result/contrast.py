@@ -122,7 +122,7 @@ class Contrast(Printed):
         return f"{head}: beyond it {shown}."
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain lists, numbers and strings."""
+        """Return everything as plain lists, numbers and strings."""
         return {
             **{key: plain(getattr(self, key)) for key in SAVED},
             "parameters": rows(

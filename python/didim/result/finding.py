@@ -132,7 +132,10 @@ class Finding(Pickled):
         return f"{self.sentence}. {advice}." if advice else self.sentence
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields and the sentence as JSON data; `severity` is the name of `grade` in 0.2.0."""
+        """Return all fields and the sentence as JSON data.
+
+        `severity` is the name of `grade` in 0.2.0.
+        """
         return {**plain(self), "severity": self.grade, "sentence": self.sentence, "advice": self.advice}
 
     @classmethod

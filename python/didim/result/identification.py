@@ -46,7 +46,7 @@ TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "v
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification(InNotebook, MovedToRobot, Pickled):
-    """Identified parameters of a robot, with their uncertainty and the errors of the model on the log.
+    """Identified parameters of a robot, their uncertainty and the errors on the log.
 
     All values are in SI units on the joint side. Tested in ``tests/test_identification.py``.
 
@@ -247,7 +247,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         return self.history[-1].iteration if self.history else 0
 
     def parameter_rows(self) -> list[tuple[str, ...]]:
-        """Return heading and cells of the table of parameters, see `didim.result.table.parameter_rows`."""
+        """Return heading and cells of the table of parameters."""
         marks: dict[str, str] = {}
         if self.uncertainty is not None:
             exchanged = {name for exchange in self.uncertainty.exchanges for name in exchange.parameters}
@@ -265,7 +265,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         )
 
     def error_rows(self) -> list[tuple[str, ...]]:
-        """Return heading and cells of the table of relative errors: of the fit, then of the recordings held out."""
+        """Return heading and cells of the table of errors: fit, then held-out recordings."""
         held_out = [
             (f"held out: {recording.name}", recording.relative_error, recording.overall_relative_error)
             for recording in self.held_out
@@ -314,7 +314,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain lists, numbers and strings; NaN and infinity become None."""
+        """Return everything as plain lists and texts; NaN and infinity become None."""
         low, high = self.confidence_interval()
         further = {} if self.further is None else {"further": self.further.to_dict()}
         return {
@@ -348,7 +348,10 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         save_json(path, self.to_dict(), self.digests.values())
 
     def save_parameters(self, path: str | Path) -> None:
-        """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
+        """Write the parameters alone, as TOML or npz.
+
+        See `didim.robot.parameter_file.write_parameters`.
+        """
         write_parameters(self, path)
 
     @classmethod

@@ -6,7 +6,9 @@ from enum import Enum
 
 
 class Status(Enum):
-    """Ending of an identification; ``status.value`` is a sentence with the event and the advice.
+    """Ending of an identification.
+
+    ``status.value`` is a sentence with the event and the advice.
 
     Tested in ``tests/test_identification.py``.
     """

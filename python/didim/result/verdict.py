@@ -75,7 +75,7 @@ class Verdict:
 
     @classmethod
     def of(cls, reasons: Iterable[Finding], uses: Iterable[Use] = ()) -> Verdict:
-        """Return the verdict with its reasons in order of gravity, without repeated sentences."""
+        """Return the verdict, its reasons by severity and without repeated sentences."""
         strongest: dict[str, Finding] = {}
         for reason in sorted(reasons, key=lambda reason: GRADES.index(reason.grade)):
             strongest.setdefault(reason.sentence, reason)

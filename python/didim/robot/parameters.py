@@ -106,7 +106,7 @@ class BaseParameters(Pickled):
         return page(title, [("name", "unit", "grouping"), *rows], silent)
 
     def to_dataframe(self) -> Any:
-        """Return names, units and groupings as a pandas ``DataFrame`` with the names as its index.
+        """Return names, units and groupings as a pandas ``DataFrame``, by name.
 
         Raises
         ------
@@ -117,7 +117,9 @@ class BaseParameters(Pickled):
         return pandas().DataFrame(columns, index=pandas().Index(self.names, name="parameter"))
 
     def lift(self, beta: ArrayLike) -> Array:
-        """Return standard parameters with the same torques: those of `indices` take the base values, the others zero.
+        """Return standard parameters with the same torques.
+
+        Those of `indices` take the base values, the others zero.
 
         Parameters
         ----------

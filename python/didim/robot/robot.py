@@ -247,7 +247,7 @@ class Robot(Pickled):
         return self.joint_names and (*self.joint_names, *(each.name for each in self.geometry.followers))
 
     def joint_label(self, joint: int) -> str:
-        """Return the label of a joint, from 0, in messages and reports: ``joint 3``, or ``joint 3 (elbow_joint)``."""
+        """Return the label of a joint, from 0: ``joint 3``, ``joint 3 (elbow_joint)``."""
         name = f" ({self.all_joint_names[joint]})" if self.joint_names else ""
         return f"joint {joint + 1}{name}"
 
@@ -262,7 +262,7 @@ class Robot(Pickled):
         return (np.eye(4),) * self.n_joints if self.standard is None else self.standard.poses
 
     def to_own_frames(self, x: ArrayLike) -> Array:
-        """Return standard parameters with those of each link in its own frame (`own_frames`), ``(n_parameters,)``.
+        """Return standard parameters in the links' own frames, ``(n_parameters,)``.
 
         The model stores parameters in its own modified frames; a change of frame preserves masses and changes moments and
         inertias. It needs complete bodies, so convert ``fit.consistent().parameters``: base parameters lifted with zeros
@@ -276,7 +276,7 @@ class Robot(Pickled):
         return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, to_frame)
 
     def from_own_frames(self, x: ArrayLike) -> Array:
-        """Return the model's standard parameters for parameters in the links' own frames: the inverse of `to_own_frames`."""
+        """Return standard parameters from those in the links' own frames."""
         return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, from_frame)
 
     def _checked(self, x: ArrayLike) -> Array:
@@ -366,7 +366,7 @@ class Robot(Pickled):
         return x
 
     def parameters_by_name(self, values: Mapping[str, float], where: str = "the parameters:") -> Array:
-        """Return values by name as a full vector of standard parameters, ``(n_parameters,)``.
+        """Return values by name as a vector of standard parameters, ``(n_parameters,)``.
 
         Parameters
         ----------
@@ -415,25 +415,25 @@ class Robot(Pickled):
         )
 
     def with_terms(self, terms: Sequence[FrictionTerm]) -> Robot:
-        """Return the same robot with these friction terms beside viscous, Coulomb and offset (``test_friction_terms.py``)."""
+        """Return the robot with these further friction terms (``test_friction_terms.py``)."""
         friction = replace(self.friction, terms=tuple(terms), auto=False)
         return self if friction == self.friction else replace(self, friction=friction)
 
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
-        """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""
+        """Return the robot with ``tanh(dq / smoothing)`` friction, (n_dof,) (rad/s, m/s)."""
         friction = replace(
             self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
         )
         return replace(self, friction=friction)
 
     def with_friction_table(self, table: Table) -> Robot:
-        """Return the same robot with the friction options of a table, whose errors name its file."""
+        """Return the same robot with the friction of a table; errors name its file."""
         friction = read_friction(table, self.joint_kinds, self.friction)
         # Cached properties of this robot, such as its base parameters, stay valid.
         return self if friction == self.friction else replace(self, friction=friction)
 
     def with_spring_table(self, table: Table) -> Robot:
-        """Return the same robot with the springs of a table ``[springs]``, whose errors name its file."""
+        """Return the same robot with the springs of a table; errors name its file."""
         friction = read_springs(table, self.joint_kinds, self.friction)
         return self if friction == self.friction else replace(self, friction=friction)
 

@@ -18,7 +18,7 @@ Spikes = Literal["hampel"]
 
 @dataclass(frozen=True, kw_only=True)
 class SignalProcessing:
-    """Settings of the signal processing from a recording to the rows of the linear system.
+    """Settings of the filters from a recording to the rows of the linear system.
 
     The filter acts on both sides of (7).
 

@@ -89,7 +89,7 @@ class MujocoValidation:
         return bool(np.isfinite(self.after).all())
 
     def to_dict(self) -> dict[str, object]:
-        """Everything, as plain lists and numbers."""
+        """Return everything as plain lists and numbers."""
         return {**plain(self), "ratio": self.ratio}
 
     def __str__(self) -> str:

@@ -76,7 +76,7 @@ class Validation(Printed):
         return all(recording.outcome is None or recording.outcome.completed for recording in self.recordings)
 
     def to_dict(self) -> dict[str, object]:
-        """Everything, as plain lists and numbers; NaN and infinity become None."""
+        """Return everything as plain lists and numbers; NaN and infinity become None."""
         return {
             "robot": self.fit.robot,
             "method": self.fit.method,
@@ -140,7 +140,7 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
 
 
 def validate(fit: Identification, experiment: Experiment | str | Path) -> Validation:
-    """Compute the errors of a result on an experiment's recordings: direct (torques) and simulated (closed loop).
+    """Compute the errors of a result on recordings, predicted and simulated.
 
     Predicted torques are those of (1) along the measured motion; the simulation is that of (4).
     Tested in ``tests/test_validate.py``.

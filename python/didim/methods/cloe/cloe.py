@@ -88,7 +88,10 @@ class CLOE(CLOESettings):
     """
 
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
-        """Identify the parameters of an experiment's robot, as `Method.run`; Ctrl-C ends the search with the best point so far."""
+        """Identify the parameters of an experiment's robot, as `Method.run`.
+
+        Ctrl-C ends the search with the best point so far.
+        """
         if experiment.links == "fixed":
             return identify_positions(self, experiment, reporter)
         if has_currents(experiment):

@@ -57,7 +57,7 @@ class Prior:
     rotors: Array
 
     def parameters(self, robot: Robot) -> Array:
-        """Return standard parameters that satisfy all conditions: those of the prior, with friction of 1."""
+        """Return standard parameters of the prior with friction of 1: they are feasible."""
         places, x = places_of(robot), np.zeros(len(robot.parameter_names))
         for j, body in enumerate(self.bodies, start=1):
             for name, value in zip(INERTIAL, ten_parameters(body), strict=True):

@@ -142,7 +142,7 @@ class PayloadEstimate(Pickled, Printed):
         return _estimates("name", names, [UNITS[name] for name in names], values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain lists and numbers; NaN and infinity become None."""
+        """Return everything as plain lists and numbers; NaN and infinity become None."""
         body = None
         if self.body is not None:
             parts = {
