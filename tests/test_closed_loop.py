@@ -479,7 +479,7 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
         (
             "controller",
             GAINS + "saturation_v = 1\nsaturation_a = 1",
-            "give one of saturation_v and saturation_a",
+            "give one of saturation_v, saturation_a",
         ),
         ("controller", GAINS + "integral_time_s = 1", "unknown key 'integral_time_s'"),
         (

@@ -140,7 +140,8 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
     rival = FrictionTerm(law="stribeck", joint=0, velocity=0.3)
     fits = [without(plain), without(rival, terms[1])]
     for name, value, moved, white in zip(fit.names, fit.beta, shift, fit.std_white, strict=True):
-        expected = np.hypot(*(one[name] - value if name in one else 0.0 for one in fits))
+        first, second = (one[name] - value if name in one else 0.0 for one in fits)
+        expected = np.hypot(first, second)
         # The refits weigh joints by their own residuals.
         assert moved == pytest.approx(expected, rel=0.01, abs=0.05 * white), name
     assert fit.uncertainty is not None

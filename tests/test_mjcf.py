@@ -239,7 +239,10 @@ def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reporte
         didim.load_robot(path)
 
 
-def test_masses_by_group_and_in_total_and_the_world_are_read_as_mujoco_reads_them(tmp_path: Path) -> None:
+def test_masses_by_group_and_in_total_and_the_world_are_read_as_mujoco_reads_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of its warnings
     path = tmp_path / "little.xml"
     given = text(True).replace('eulerseq="xyz"', 'eulerseq="xyz" inertiagrouprange="1 2" settotalmass="20"')
     given = given.replace('density="700"', 'density="700" group="2"').replace(

@@ -115,7 +115,8 @@ def test_docstrings_of_the_api_begin_with_a_verb_in_a_short_line() -> None:
         for name, value in public.items()
         if isinstance(value, type)
         for key in vars(value)
-        if not key.startswith("_") and inspect.isroutine(getattr(value, key))
+        if not key.startswith("_")
+        and (inspect.isfunction(method := getattr(value, key)) or inspect.ismethod(method))
     }
     for name, value in (public | methods).items():
         if inspect.ismodule(value):

@@ -476,7 +476,8 @@ def test_faults_of_arrays(tmp_path: Path, suffix: str) -> None:
     assert said(variable="bad") == f"{file}: variable 'bad', row 5, column 2, is nan{LOST_SAMPLE}"
     assert said(variable="words") == f"{file}: variable 'words' is not an array of real numbers"
     names = "'q', 'flat', 'bad', 'words', 'cube', 'short', 'one'"
-    expected = f"{file}: there is no variable 'Flat'; the variables are {names}; did you mean 'flat'?"
+    first = "'q', 'flat', 'bad', 'words' and 3 more"
+    expected = f"{file}: there is no variable 'Flat'; the variables are {first}; did you mean 'flat'?"
     assert said(variable="Flat") == expected
     assert said() == f"{file}: variable must say which array is meant; there are {names}"
     assert said(columns=[1, 2]) == f"{file}: columns by number need variable = the matrix they belong to"

@@ -346,7 +346,7 @@ def test_tiago_without_its_wheels(shared: Path) -> None:
     assert whole.n_dof == 40
     held = next(note for note in whole.notes if "at most 40 joints" in note)
     assert "those that carry least: " in held
-    assert "14 more (--lock, --base and --tip choose others)" in held
+    assert "16 more (--lock, --base and --tip choose others)" in held
     text = path.read_text()
     names = re.findall(
         r'<joint name="((?:wheel|suspension|caster|hand_\w+_virtual)_\w+)" type="(?!fixed)', text

@@ -27,6 +27,7 @@ from didim.evidence.products import Products
 from didim.evidence.screen import Screen
 from didim.evidence.torques import constant_torque_findings, is_constant
 from didim.model.dynamics import friction_places
+from didim.robot.rigid_body import INERTIAL
 from didim.signal.processing import SignalProcessing
 from plain import stub
 from test_friction_terms import motion
@@ -109,7 +110,8 @@ def payload(monkeypatch: pytest.MonkeyPatch, error: Array, *column: float) -> fl
     """Return the standard deviation of a mass with this torque at each joint, whose largest torques are one."""
     monkeypatch.setattr(uses, "inverse_dynamics", lambda robot, q, dq, ddq, x: q)
     n, n_rows = error.shape
-    robot = stub(parameter_names=(f"M{n}",), n_dof=n, geometry=stub(parents=(None, *range(n - 1))))
+    names = tuple(f"{kind}{n}" for kind in INERTIAL)
+    robot = stub(parameter_names=names, n_dof=n, geometry=stub(parents=(None, *range(n - 1))))
     part = stub(q=np.tile(column, (n_rows, 1)), dq=None, ddq=None)
     signal = SignalProcessing(cutoff_hz=None, edge_rows=0)
     return uses.payload_std(robot, [part], cast(Any, stub(error=error, size=np.ones(n))), signal)

@@ -218,6 +218,6 @@ def test_other_friction_is_named(fit: Identification, other: Experiment) -> None
     with pytest.raises(FitError) as raised:
         validate(fit, asymmetric)
     assert str(raised.value) == (
-        "the parameters differ: only the result has Fv1, Fc1, Off1, Fv2 and 2 more and only the experiment has "
-        "Fv1+, Fc1+, Fv1-, Fc1- and 4 more; write the same [friction] for both"
+        "the parameters differ: only the result has Fv1, Fc1, Off1, Fv2, Fc2, Off2 and only the experiment has "
+        "Fv1+, Fc1+, Fv1-, Fc1-, Fv2+, Fc2+ and 2 more; write the same [friction] for both"
     )
