@@ -333,7 +333,9 @@ def test_a_missing_law_is_looked_for_in_eight_blocks(
     system = job.system(parts)
     module = "didim.regression.friction.alarm."
     monkeypatch.setattr(module + "_between_reversals", lambda *facts: [np.arange(3)] * blocks)
-    monkeypatch.setattr(module + "_joint_test", lambda *facts: (0.25, []))
+    monkeypatch.setattr(
+        module + "joint_test", lambda columns, *facts: (0.25 * np.ones(columns.shape[1]), 0.0)
+    )
     found = friction_alarm(
         system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import didim
 import didim.methods.builder as builder
+import didim.regression.friction.flips as flips
 from didim.errors import ExcitationError, FitError
 from didim.evidence.gain_check import unchecked
 from didim.evidence.loop.simulated import (
@@ -35,9 +36,10 @@ from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
 from didim.regression.covariance import autocorrelated
 from didim.regression.delay import _shared
-from didim.regression.friction.alarm import FrictionAlarm, _flipped, _joint_test
+from didim.regression.friction.alarm import FrictionAlarm
+from didim.regression.friction.flips import joint_test
 from didim.regression.friction.screen import Folds
-from didim.regression.friction.tested_laws import LawColumns, laws_to_test
+from didim.regression.friction.tested_laws import laws_to_test
 from didim.regression.jackknife import Jackknife, intervals
 from didim.regression.logs.body import _inside
 from didim.regression.logs.load import Load
@@ -207,28 +209,31 @@ def test_a_missing_friction_law_is_an_alarm(p_value: float, raised: bool) -> Non
     assert found.raised == raised
 
 
+def flipped(scores: Array) -> float:
+    """Probability of the largest score of one joint's columns, (n_blocks, k)."""
+    return 0.75 * float(flips._flipped(scores, np.zeros(scores.shape[1], dtype=bool)).min())
+
+
 def test_scores_are_flipped_4000_times_and_memory_has_a_quarter_of_the_false_alarms() -> None:
-    scores = np.ones((20, 1))
-    assert _flipped(scores) == 1.0 / 4000.0
-    rho, column = np.ones(40), np.ones(40)
+    assert flipped(np.ones((20, 1))) == pytest.approx(1.0 / 4000.0)
+    rho, column = np.ones(40), np.ones((40, 1))
     blocks = [[np.arange(2 * k, 2 * k + 2) for k in range(20)]]
-    for family, share in (("stribeck", 0.75), ("dahl", 0.25)):
-        candidate = LawColumns(family, np.zeros((40, 1)), np.ones(1))
-        probability, ((_, amplitude),) = _joint_test([(candidate, column)], rho, blocks)
+    for memory, share in ((False, 0.75), (True, 0.25)):
+        (probability,), (units,) = joint_test(column, rho, blocks, np.array([memory]))
         assert probability == pytest.approx(1.0 / 4000.0 / share)
         # Six deviations of the score, of 20 blocks with the score 2, over the square of the column.
-        assert amplitude == pytest.approx(6.0 * np.sqrt(20.0 * 2.0**2) / 40.0)
+        assert units == pytest.approx(6.0 * np.sqrt(20.0 * 2.0**2) / 40.0)
 
 
 def test_scores_of_thousands_of_blocks_are_summed_to_five_hundred() -> None:
     """The random signs of a long log would take gigabytes."""
     rng = np.random.default_rng(0)
     probabilities = [
-        _flipped(rng.normal(size=(blocks, 3))) for blocks in (499, 500, 501, 20_001) for _ in range(5)
+        flipped(rng.normal(size=(blocks, 3))) for blocks in (499, 500, 501, 20_001) for _ in range(5)
     ]
     assert min(probabilities) > 0.01
     assert max(probabilities) > 0.5
-    assert _flipped(rng.normal(size=(20_001, 3)) + 0.05) == 1.0 / 4000.0
+    assert flipped(rng.normal(size=(20_001, 3)) + 0.05) == pytest.approx(1.0 / 4000.0)
 
 
 @pytest.mark.parametrize(

@@ -195,11 +195,11 @@ def test_signs_of_twenty_stretches_of_time_are_flipped(monkeypatch: pytest.Monke
     system = job.system(parts)
     counts: list[int] = []
 
-    def tested(own: object, rho: object, blocks: Any) -> tuple[float, list[Any]]:
+    def tested(columns: Array, rho: object, blocks: Any, memory: object) -> tuple[Array, Array]:
         counts.append(len(blocks[0]))
-        return 1.0, []
+        return np.ones(columns.shape[1]), np.zeros(columns.shape[1])
 
-    monkeypatch.setattr(alarm, "_joint_test", tested)
+    monkeypatch.setattr(alarm, "joint_test", tested)
     alarm.friction_alarm(
         system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
     )

@@ -7,19 +7,26 @@ jump has the form of fourth and sixth differences. A torque that a digital contr
 samples, or that is recorded a part of a sample beside the positions, differs by shares of its first and second differences, here
 of links and rotors, since those of Coulomb friction would hide other laws at reversals. Friction of a ``sign`` turns within a
 small velocity that its model leaves open. Each error is known but for its amount at each joint, so the test for missing friction
-frees its scores of them. Tested in ``tests/test_friction_alarm.py``, the turn in ``tests/test_ur10e_page.py``.
+frees its scores of them.
+
+They are differences of the motion, so noise of the positions is in them as it is in the residual, and looks like friction; low
+passes of them have hardly any of it. Tested in ``tests/test_friction_alarm.py``, the turn in ``tests/test_ur10e_page.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...errors import SignalError
 from ...model.dynamics import inverse_dynamics
 from ...model.memory import instantaneous
 from ...robot.robot import Robot
+from ...signal.filters import SLOW, low_pass
+from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from .tested_laws import joint_scales
 
@@ -52,6 +59,23 @@ def sampling_errors(
     """
     errors = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
     return [list(error) for error in zip(*errors, strict=True)]
+
+
+def slow_errors(
+    errors: Sequence[Sequence[Array]], parts: Sequence[Segment], signal: SignalProcessing
+) -> list[list[list[Array]]]:
+    """Return low passes of the errors of the torques; none without errors or a cut-off, or where they cannot be filtered."""
+    if not errors or signal.cutoff_hz is None:
+        return []
+    slow = replace(signal, cutoff_hz=signal.cutoff_hz / SLOW, form="sections")
+    try:
+        passed = [
+            low_pass(np.hstack([error[k] for error in errors]), part.rate_hz, slow)
+            for k, part in enumerate(parts)
+        ]
+    except SignalError:  # the record is too short for so low a filter, or rounding spoils it
+        return []
+    return [[list(error) for error in zip(*(np.split(one, len(errors), 1) for one in passed), strict=True)]]
 
 
 def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
