@@ -88,7 +88,7 @@ def test_what_the_log_would_show_is_said_in_torque() -> None:
 
 @pytest.mark.parametrize("law", ["stribeck", "atan"])
 def test_curves_of_speed_are_tested_beside_a_law_of_speed(law: str) -> None:
-    """Of the model's own law nothing is left to see, of a second bend at another velocity there is."""
+    """The model's own law leaves nothing to see; a second bend at another velocity does."""
     velocity, right = {"stribeck": (0.15, stribeck(0.2)), "atan": (0.3, atan(0.4))}[law]
     terms = tuple(didim.FrictionTerm(law=law, joint=joint, velocity=velocity) for joint in (0, 1))  # type: ignore[arg-type]
     arm = robot().with_terms(terms)

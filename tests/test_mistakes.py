@@ -75,7 +75,7 @@ def test_a_prefix_of_an_option_and_values_that_look_like_options_work(log: Path)
 def test_a_robot_of_seven_joints_for_a_log_of_two(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["init", "panda", "rec.csv", "-o", "x.toml"]) == 1
     assert (
-        "which columns hold the positions of the 7 joints; the log has 2 positions: of another robot?"
+        "which columns hold the positions of the 7 joints; the log has 2 positions: is it of another robot?"
         in capsys.readouterr().err
     )
     text = Path("rec.toml").read_text(encoding="utf-8").replace('"planar2"', '"panda"')

@@ -158,7 +158,7 @@ def _checked(
 def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
     """Look at a log of positions of a robot with known links, and add the parameters that it identifies to `notes`."""
     try:
-        lacks, identified = prospect(experiment)
+        findings, identified = prospect(experiment)
     except DidimError as error:
         return [
             worded(
@@ -166,10 +166,7 @@ def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
             )
         ]
     notes += identified
-    return [
-        worded(kind="excitation", sentence=sentence, advice=advice, joints=joints)
-        for sentence, advice, joints in lacks
-    ]
+    return findings
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:

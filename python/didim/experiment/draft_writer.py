@@ -325,7 +325,7 @@ class RecordingWriter:
         for kind in kinds:
             there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
-                return f"; the log has {counted(len(there), kind)}: of another robot"
+                return f"; the log has {counted(len(there), kind)}: is it of another robot"
         return ""
 
     def _open_blocks(self) -> str:

@@ -15,7 +15,7 @@ DAMPING = 1.4
 
 
 def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:
-    """Mean of ``diag M(q)`` along a reference, (n_dof,): the representative inertia ``J`` of gain updating (findings, 6)."""
+    """Mean of ``diag M(q)`` along a reference, (n_dof,): the representative inertia ``J`` of gain updating."""
     return mean_diagonal(robot, x, reference.at(np.linspace(0.0, reference.duration, 1001))[0])
 
 
@@ -25,7 +25,7 @@ def mean_diagonal(robot: Robot, x: Array, q: Array) -> Array:
 
 
 def largest_coulomb(robot: Robot, x: Array) -> Array:
-    """Largest Coulomb friction of each joint, (n_dof,): that of a drive may differ by direction."""
+    """Largest Coulomb friction of each joint, (n_dof,) (N.m or N): it may differ by direction."""
     coulomb = np.zeros(robot.n_dof)
     for parameter, value in zip(robot.standard_parameters, x, strict=True):
         if parameter.kind == "Fc":

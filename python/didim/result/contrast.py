@@ -25,8 +25,6 @@ from .uncertainty import student_factor
 
 SAME_TIME = 0.25
 """Largest difference of the blocks' edges of two results, as a share of a block: methods drop different rows at the ends."""
-MOST_NAMED = 4
-"""Largest number of parameters that a sentence names."""
 SAVED = ("first", "second", "rms", "rms_in_sigma", "bound", "level", "degrees_of_freedom", "beyond")
 """Attributes that JSON has under their own name."""
 

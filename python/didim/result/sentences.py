@@ -184,9 +184,9 @@ LAWS = {
 
 def _friction(f: Finding) -> str:
     facts = f.facts
-    included = "intervals include it" if facts["included"] else "intervals omit it"
+    included = "intervals include it" if facts["included"] else "intervals too narrow by it"
     return (
-        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
+        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move up to "
         f"{two_digits(f.effect)} sigma of noise; {included}"
     )
 

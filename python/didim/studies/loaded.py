@@ -20,8 +20,6 @@ from ..robot.robot import Robot
 
 FRICTION = re.compile(r"(F[a-z]+|Off|Rest)\d+[+-]?")
 """Pattern of the names of friction parameters."""
-MOST_NAMES = 4
-"""Largest number of parameters that a message names."""
 
 
 def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> list[Array]:

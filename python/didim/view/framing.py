@@ -1,4 +1,4 @@
-"""Where the floor and the camera are: all of a robot, in all poses of its motions, is in the picture.
+"""Places of floor and camera that keep all of a robot, in all poses of its motions, in the picture.
 
 Tested in ``tests/test_view.py``.
 """

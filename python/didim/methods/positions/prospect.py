@@ -11,6 +11,7 @@ import numpy as np
 from ..._tools.arrays import Array, quotient
 from ..._tools.words import series
 from ...experiment.experiment import Experiment
+from ...result.finding import Finding, worded
 from ...signal.noise import encoder_noise
 from .knowledge import by_sentence, unidentified, where_of, widening
 from .problem import Problem, build
@@ -23,8 +24,8 @@ POOR = 0.5
 """Ratio of half the interval to the value, from which a parameter is poorly identified."""
 
 
-def prospect(experiment: Experiment) -> tuple[list[tuple[str, str, tuple[int, ...]]], list[str]]:
-    """Return what a log does not identify, as sentence, advice and joints from 1, and sentences on the others.
+def prospect(experiment: Experiment) -> tuple[list[Finding], list[str]]:
+    """Return findings on what a log does not identify, and sentences on the other unknowns.
 
     Raises
     ------
@@ -33,17 +34,15 @@ def prospect(experiment: Experiment) -> tuple[list[tuple[str, str, tuple[int, ..
     """
     problem = build(experiment)
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    lacks = [
-        (each.sentence, "Log the joint moving freely, or go on without these stretches", each.joints)
-        for each in findings_of(experiment, problem.stops)
-    ]
+    advice = "Log the joint moving freely, or go on without these stretches"
+    findings = [_lack(each.sentence, advice, each.joints) for each in findings_of(experiment, problem.stops)]
     remarks = []
     held = unidentified(problem, now, error=MODEL_ERROR)
     now.free[[each.column for each in held]] = False
     for sentence, held_columns in by_sentence(problem, held).items():
         joints = {joint + 1 for each in held_columns for joint in problem.columns[each.column].joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
-        lacks.append((sentence, advice, tuple(sorted(joints))))
+        findings.append(_lack(sentence, advice, tuple(sorted(joints))))
     share = _shares(experiment, problem, now)
     for kind in dict.fromkeys(column.kind for column in problem.columns):
         at = [k for k, c in enumerate(problem.columns) if c.kind == kind and np.isfinite(share[k])]
@@ -56,8 +55,13 @@ def prospect(experiment: Experiment) -> tuple[list[tuple[str, str, tuple[int, ..
                 f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )
             advice = "Log faster, and command steps or a chirp up to the bandwidth of the loop (didim excite --positions)"
-            lacks.append((sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
-    return lacks, remarks
+            findings.append(_lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
+    return findings, remarks
+
+
+def _lack(sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:
+    """Return the finding on what a log does not identify."""
+    return worded(kind="excitation", sentence=sentence, advice=advice, joints=joints)
 
 
 def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:

@@ -10,7 +10,8 @@ Where the model is right, the sums of the blocks are as likely negative as posit
 Flipping the signs of whole blocks, the same for all columns of a joint, gives the distribution of the largest ``|t|`` of its laws.
 Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. Errors
 of right models (`sampling`) have columns beside those of A for the scores. These columns are differences of the motion, so noise
-of the positions is in them as it is in the residual; a low pass of them has hardly any of it, so the scores must alarm with either.
+of the positions is in them as it is in the residual. Low passes of them have hardly any of it, so an alarm is tried again with
+these, and one law must alarm both times.
 
 The shift of a family of laws is the change of the estimate with the columns of all joints beside A,
 
@@ -40,7 +41,7 @@ from ...signal.segments import Segment
 from ..fit import Fit
 from ..jackknife import Rows, intervals
 from ..linear_system import LinearSystem, unit_columns
-from .flips import FEWEST_BLOCKS, LEVEL, joint_test
+from .flips import joint_test
 from .sampling import slow_errors
 from .tested_laws import LawColumns, laws_to_test
 from .velocity import decimated
@@ -48,6 +49,10 @@ from .velocity import decimated
 TIME_BLOCKS = 20
 """Number of time stretches whose signs are flipped: long against the residual's correlation, many enough for a probability of 1
 %."""
+FEWEST_BLOCKS = 8
+"""Number of blocks below which flips have too few patterns (2^7) for a probability of 1 %, and there is no test."""
+LEVEL = 0.01
+"""Largest false alarm rate of a test over all joints of a log: it is divided by the number of joints."""
 FEWEST_ROWS = 3
 """Smallest number of rows of a stretch between two reversals; shorter ones join the next."""
 ROUNDING = 1e-8
@@ -62,7 +67,7 @@ class FrictionAlarm:
     ----------
     p_value : ndarray, shape (n_dof,)
         Probability of scores as large where the model is right, per joint, times the number of joints; the larger of the
-        tests over stretches of time and between reversals. One where a joint was not tested.
+        tests over stretches of time and between reversals, and of an alarm's two trials. One where a joint was not tested.
     law : str
         Family that explains the residual best: ``"stribeck"``, ``"atan"``, ``"load"`` or ``"dahl"``; empty without an alarm.
     tested : tuple of str
@@ -187,12 +192,10 @@ def friction_alarm(
         every = [decimated(values, parts, signal) for values in errors]
         return _tested(system, limbs, candidates, every, speeds)
 
-    tests = [tested_with(sampling_errors)]
-    if (tests[0][0] < LEVEL).any():
-        tests += [tested_with(errors) for errors in slow_errors(sampling_errors, parts, signal)]
-    # One law must be seen whichever the errors are.
-    p_value = np.min(np.max([probability for probability, _ in tests], axis=0), axis=0)
-    seen = np.max([amplitude for _, amplitude in tests], axis=0)
+    probability, seen = tested_with(sampling_errors)
+    if (probability < LEVEL).any() and (slow := slow_errors(sampling_errors, parts, signal)):
+        probability, seen = np.maximum((probability, seen), tested_with(slow))
+    p_value = np.min(probability, axis=0)
     families = np.array([candidate.family for candidate in candidates])
     visible = {family: np.max(seen[families == family], axis=0) for family in tested}
     raised = bool((p_value < LEVEL).any())
@@ -241,7 +244,10 @@ def _tested(
 
 
 def _open_shift(system: LinearSystem, fit: Fit) -> Array:
-    """Return the root of the squared changes of the estimate with the alternatives of a system, (b,); of the law itself 0."""
+    """Return the root of the sum of squared changes of the estimate with the alternatives of a system, (b,).
+
+    A law's own parameter does not change.
+    """
     if not system.alternatives:
         return np.zeros(len(system.names))
     names = [*system.names, *system.slopes]

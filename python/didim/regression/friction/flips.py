@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array, quotient
 from ..jackknife import Rows
 
-FEWEST_BLOCKS = 8
-"""Number of blocks below which flips have too few patterns (2^7) for a probability of 1 %, and there is no test."""
 MOST_BLOCKS = 500
 """Number of blocks above which neighbouring ones are summed: their random signs take 4 000 numbers a block."""
 FLIPS = 3999
@@ -28,8 +26,6 @@ SEED = 20261
 VISIBLE = 6.0
 """Score, in its standard deviation without the law, that makes a law detectable: with the law included in the deviation of 20
 blocks it is 3.6."""
-LEVEL = 0.01
-"""Largest false alarm rate of a test over all joints of a log: it is divided by the number of joints."""
 
 
 def joint_test(
@@ -47,7 +43,7 @@ def joint_test(
 
 
 def _flipped(scores: Array, memory: NDArray[np.bool_]) -> Array:
-    """Return the probability of the score of each law, (n_blocks, k), when the signs of blocks are flipped: (k,).
+    """Return the probability of the scores of laws, (n_blocks, k), when the signs of blocks are flipped, (k,).
 
     The largest score counts, of laws of memory and of others, which share the false alarms.
     """

@@ -63,8 +63,8 @@ def sampling_errors(
 
 def slow_errors(
     errors: Sequence[Sequence[Array]], parts: Sequence[Segment], signal: SignalProcessing
-) -> list[list[list[Array]]]:
-    """Return low passes of the errors of the torques; none without errors or a cut-off, or where they cannot be filtered."""
+) -> list[list[Array]]:
+    """Return the errors of `sampling_errors` through a low pass; none without a cut-off, or where they cannot be filtered."""
     if not errors or signal.cutoff_hz is None:
         return []
     slow = replace(signal, cutoff_hz=signal.cutoff_hz / SLOW, form="sections")
@@ -75,7 +75,7 @@ def slow_errors(
         ]
     except SignalError:  # the record is too short for so low a filter, or rounding spoils it
         return []
-    return [[list(error) for error in zip(*(np.split(one, len(errors), 1) for one in passed), strict=True)]]
+    return [list(error) for error in zip(*(np.split(one, len(errors), 1) for one in passed), strict=True)]
 
 
 def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
