@@ -154,8 +154,8 @@ PYTHON = (
     Mutation(
         "the simplex contracts to the wrong side",
         "python/didim/methods/cloe/nelder_mead.py",
-        "(1 - psi) * centre + psi * worst",
-        "(1 + psi) * centre - psi * worst",
+        "(1.0, chi, psi, -psi)",
+        "(1.0, chi, psi, psi)",
         "tests/test_nelder_mead.py",
     ),
     Mutation(

@@ -1,8 +1,6 @@
-"""Nelder and Mead's simplex with the trial points of an iteration evaluated together.
+"""Nelder and Mead's simplex with trial points evaluated in batches.
 
-Reflection, expansion and both contractions only depend on the simplex. As four candidates of one simulation they take little
-more time than one, and the iterates equal those of SciPy's sequential algorithm to the last bit
-(``tests/test_nelder_mead.py``).
+The iterates are those of SciPy's sequential algorithm, but for the rounding of the centre (``tests/test_nelder_mead.py``).
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
+from .lookahead import EXPANSION, INSIDE, OUTSIDE, REFLECTION, Lookahead
 
 
 @dataclass(frozen=True)
@@ -93,48 +92,38 @@ def minimise(
     """
     n = simplex.points.shape[1]
     chi, psi, sigma = (1.0 + 2.0 / n, 0.75 - 1.0 / (2.0 * n), 1.0 - 1.0 / n) if adaptive else (2.0, 0.5, 0.5)
+    ahead = Lookahead(batch, (1.0, chi, psi, -psi))
     points, values = simplex.points.copy(), simplex.values.copy()
     iterations, evaluations, made = simplex.iterations, simplex.evaluations, simplex.simulations
     while evaluations < max_evaluations and iterations < max_iterations:
         with np.errstate(invalid="ignore"):
             spread = np.max(np.abs(values[0] - values[1:]))
         if np.max(np.abs(points[1:] - points[0])) <= x_tolerance and spread <= f_tolerance:
-            return Simplex(points, values, iterations, evaluations, made), True
-        centre = np.add.reduce(points[:-1], 0) / n
-        worst = points[-1]
-        trials = np.stack(
-            [
-                2.0 * centre - worst,
-                (1 + chi) * centre - chi * worst,
-                (1 + psi) * centre - psi * worst,
-                (1 - psi) * centre + psi * worst,
-            ]
-        )
-        reflected, expanded, outside, inside = trial_values = batch(trials)
-        made += 4
+            return Simplex(points, values, iterations, evaluations, made + ahead.made), True
+        point, value = ahead.trial(points, REFLECTION)
         evaluations += 1
-        accepted: int | None = None
-        if reflected < values[0]:
+        shrink = False
+        if not values[0] <= value < values[-2]:
+            move = EXPANSION if value < values[0] else OUTSIDE if value < values[-1] else INSIDE
+            bound = values[-1] if move == INSIDE else value
+            other, value_there = ahead.trial(points, move)
             evaluations += 1
-            accepted = 1 if expanded < reflected else 0
-        elif reflected < values[-2]:
-            accepted = 0
-        elif reflected < values[-1]:
-            evaluations += 1
-            accepted = 2 if outside <= reflected else None
-        else:
-            evaluations += 1
-            accepted = 3 if inside < values[-1] else None
-        if accepted is not None:
-            points[-1], values[-1] = trials[accepted], trial_values[accepted]
-        else:
+            if value_there < bound or (move == OUTSIDE and value_there == bound):
+                point, value = other, value_there
+            else:
+                shrink = move != EXPANSION
+        if shrink:
             points[1:] = points[0] + sigma * (points[1:] - points[0])
             values[1:] = batch(points[1:])
             evaluations += n
             made += n
+        else:
+            points[-1], values[-1] = point, value
         iterations += 1
         order = np.argsort(values)
         points, values = points[order], values[order]
-        if progress is not None and progress(Simplex(points, values, iterations, evaluations, made)):
+        if progress is not None and progress(
+            Simplex(points, values, iterations, evaluations, made + ahead.made)
+        ):
             break
-    return Simplex(points, values, iterations, evaluations, made), False
+    return Simplex(points, values, iterations, evaluations, made + ahead.made), False
