@@ -34,15 +34,19 @@ help:
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "didim needs Python 3.11 or later")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2' 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2'
 
-# The package itself, editable: changed Python needs no new build, changed Rust does.
+# The package itself, editable: changed Python needs no new build, changed Rust does. What the compiler leaves of the processor
+# installs NumPy and SciPy meanwhile; the second call installs the package that the first one built.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
+	nice $(BIN)/python -m pip install --quiet numpy scipy & \
+	$(BIN)/maturin develop --release --skip-install; built=$$?; wait; exit $$built
 	$(BIN)/maturin develop --release
 	@touch $@
 
 # The dependency groups of pyproject.toml: .venv/.group-test and so on.
 $(VENV)/.group-%: pyproject.toml | $(BIN)/maturin
+	$(BIN)/python -m pip install --quiet 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --group $*
 	@touch $@
 
