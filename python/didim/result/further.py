@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array, relative_percent
+from .._tools.arrays import Array
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import plain, restored, rows
 from ..regression.logs.parameters import ColumnBlock
 from ..robot.payload import Payload
-from .table import parameter_lines, parameter_rows
+from .table import Estimates, parameter_lines, parameter_rows
 
 TITLES = {
     "payload": "payload '{owner}', on {link}",
@@ -123,33 +123,21 @@ class Further(Pickled):
         """
         tables = []
         for block in self.blocks:
-            part = self.part(block.kind, block.owner)
-            values, std, white = self.values[part], self.std[part], self.std_white[part]
-            roles = ("estimated",) * len(values)
-            rows = parameter_rows(block.names, block.units, roles, values, std, white, factor, {})
+            part, roles = self.part(block.kind, block.owner), ("estimated",) * len(block.names)
+            columns = self.values[part], self.std[part], self.std_white[part]
+            rows = parameter_rows(Estimates(block.names, block.units, roles, *columns, factor), {})
             tables.append((self._titles(block), rows))
         return tables
 
-    def rows(self, factor: float) -> list[dict[str, Any]]:
+    def value_rows(self, factor: float) -> list[dict[str, Any]]:
         """Return a row of each parameter for a data frame, intervals half as wide as `factor` standard deviations.
 
         The keys are those of the parameters of a result in JSON, and ``group``: "payload", "offset", "friction" or "gain".
         """
-        std = self.std
-        half = factor * std if std.any() else np.full_like(std, np.nan)
-        columns = {
-            "name": self.names,
-            "unit": self.units,
-            "value": self.values,
-            "std": std,
-            "relative_std_percent": relative_percent(std, self.values),
-            "low": self.values - half,
-            "high": self.values + half,
-            "std_white": self.std_white,
-            "role": ("estimated",) * len(std),
-            "group": [block.kind for block in self.blocks for _ in block.names],
-        }
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        columns = ("estimated",) * len(self.values), self.values, self.std, self.std_white
+        rows = Estimates(self.names, self.units, *columns, factor).value_rows()
+        groups = (block.kind for block in self.blocks for _ in block.names)
+        return [{**row, "group": group} for row, group in zip(rows, groups, strict=True)]
 
     def lines(self, factor: float) -> list[str]:
         """Return the lines of a printed result, intervals half as wide as `factor` standard deviations."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient, relative_percent
 from .._tools.pickling import Pickled, make_read_only
-from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, rows, save_json
+from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, save_json
 from .._tools.words import counted
 from ..errors import FitError
 from ..regression.selection import Role
@@ -28,7 +28,15 @@ from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
 from .status import Status
-from .table import error_rows, limb_headings, parameter_lines, parameter_rows, percent_text, table_lines
+from .table import (
+    Estimates,
+    error_rows,
+    limb_headings,
+    parameter_lines,
+    parameter_rows,
+    percent_text,
+    table_lines,
+)
 from .uncertainty import Uncertainty, student_factor
 from .verdict import DERIVED, Use, Verdict, derived
 
@@ -203,10 +211,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         The degrees of freedom of Student's distribution are the blocks less one, or the rows less the parameters
         (`didim.result.uncertainty`). ``test_uncertainty.py`` checks the coverage.
         """
-        half = self.interval_factor(level) * self.std
-        if not self.std.any():
-            half = np.where([role == "estimated" for role in self.roles], np.nan, 0.0)
-        return self.beta - half, self.beta + half
+        return self._estimates(level).interval
 
     def interval_factor(self, level: float = 0.95) -> float:
         """Return half the width of a confidence interval in standard deviations.
@@ -253,16 +258,16 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             exchanged = {name for exchange in self.uncertainty.exchanges for name in exchange.parameters}
             marks = {name: "exchanges" for name in self.names if name in exchanged}
             marks |= dict.fromkeys(self.uncertainty.single_block, "one block")
-        return parameter_rows(
-            self.names,
-            self.units,
-            self.roles,
-            self.beta,
-            self.std,
-            self.std_white,
-            self.interval_factor(),
-            marks,
-        )
+        return parameter_rows(self._estimates(), marks)
+
+    def value_rows(self) -> list[dict[str, Any]]:
+        """Return a row of each parameter by the columns of `to_dataframe`, its ``name`` the first."""
+        base = [{**row, "group": "robot"} for row in self._estimates().value_rows()]
+        return base + ([] if self.further is None else self.further.value_rows(self.interval_factor()))
+
+    def _estimates(self, level: float = 0.95) -> Estimates:
+        columns = self.names, self.units, self.roles, self.beta, self.std, self.std_white
+        return Estimates(*columns, self.interval_factor(level))
 
     def error_rows(self) -> list[tuple[str, ...]]:
         """Return heading and cells of the table of errors: fit, then held-out recordings."""
@@ -315,7 +320,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain lists and texts; NaN and infinity become None."""
-        low, high = self.confidence_interval()
         further = {} if self.further is None else {"further": self.further.to_dict()}
         return {
             "schema": SCHEMA,
@@ -326,17 +330,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             "n_iterations": self.n_iterations,
             "elapsed_s": self.elapsed,
             **{key: plain(getattr(self, key)) for key in (*SAVED, *OPTIONAL)},
-            "parameters": rows(
-                name=self.names,
-                unit=self.units,
-                value=self.beta,
-                std=self.std,
-                relative_std_percent=self.relative_std_percent,
-                low=low,
-                high=high,
-                std_white=self.std_white,
-                role=self.roles,
-            ),
+            "parameters": self._estimates().value_rows(),
             "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
             **further,
             "history": [iteration.to_dict() for iteration in self.history],

@@ -5,18 +5,13 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from .._tools.notebook import page, pandas
-from .further import Further
 
 
 class _Result(Protocol):
     """Attributes of a result used here."""
 
-    @property
-    def further(self) -> Further | None: ...
-    def interval_factor(self, level: float = 0.95) -> float: ...
     def parameter_rows(self) -> list[tuple[str, ...]]: ...
     def error_rows(self) -> list[tuple[str, ...]]: ...
-    def to_dict(self) -> dict[str, Any]: ...
     def lines_after_tables(self) -> list[str]: ...
     def value_rows(self) -> list[dict[str, Any]]: ...
 
@@ -28,11 +23,6 @@ class InNotebook:
         title = str(self).partition("\n")[0]
         after = "\n".join(self.lines_after_tables())
         return page(title, self.parameter_rows(), self.error_rows(), after.strip("\n"))
-
-    def value_rows(self: _Result) -> list[dict[str, Any]]:
-        """Return a row of each parameter by the columns of `to_dataframe`, its ``name`` the first."""
-        rows = [{**row, "group": "robot"} for row in self.to_dict()["parameters"]]
-        return rows + ([] if self.further is None else self.further.rows(self.interval_factor()))
 
     def to_dataframe(self: _Result) -> Any:
         """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.

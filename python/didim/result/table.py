@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from .._tools.arrays import Array, relative_percent
+from .._tools.saved import rows
 from .._tools.words import counted
 from ..robot.placement import limbs
 
@@ -28,22 +31,10 @@ LARGEST_FIXED_POINT = 1e9
 """Size up to which numbers are printed in fixed point."""
 
 
-def parameter_rows(
-    names: Sequence[str],
-    units: Sequence[str],
-    roles: Sequence[str],
-    values: Array,
-    stds: Array,
-    whites: Array,
-    factor: float,
-    remarks: Mapping[str, str],
-) -> list[tuple[str, ...]]:
-    """Return the heading and the cells of the table of parameters.
+class Estimates(NamedTuple):
+    """Columns of a table of parameters.
 
-    The cells are name, unit, estimate, sigma, sigma %, both ends of the 95 % interval, the ratio of sigma to that of (10), and a
-    remark: ``*`` for a parameter that is not well identified.
-
-    Parameters
+    Attributes
     ----------
     names, units, roles : sequence of str
         One per parameter; only those with the role "estimated" have a sigma.
@@ -53,17 +44,60 @@ def parameter_rows(
         Standard deviations (10); NaN if unknown.
     factor : float
         Half the width of the interval in standard deviations.
+    """
+
+    names: Sequence[str]
+    units: Sequence[str]
+    roles: Sequence[str]
+    values: Array
+    stds: Array
+    whites: Array
+    factor: float
+
+    @property
+    def interval(self) -> tuple[Array, Array]:
+        """Both ends of the intervals, (b,); NaN without standard deviations, and the value itself where nothing is estimated."""
+        half = self.factor * self.stds
+        if not self.stds.any():
+            half = np.where([role == "estimated" for role in self.roles], np.nan, 0.0)
+        return self.values - half, self.values + half
+
+    def value_rows(self) -> list[dict[str, Any]]:
+        """Return a row of numbers for each parameter, as the JSON of a result has them."""
+        low, high = self.interval
+        return rows(
+            name=self.names,
+            unit=self.units,
+            value=self.values,
+            std=self.stds,
+            relative_std_percent=relative_percent(self.stds, self.values),
+            low=low,
+            high=high,
+            std_white=self.whites,
+            role=self.roles,
+        )
+
+
+def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Return the heading and the cells of the table of parameters.
+
+    The cells are name, unit, estimate, sigma, sigma %, both ends of the 95 % interval, the ratio of sigma to that of (10), and a
+    remark: ``*`` for a parameter that is not well identified.
+
+    Parameters
+    ----------
+    estimates : Estimates
+        Names and numbers.
     remarks : mapping of str to str
         Further remarks by name.
     """
-    rows: list[tuple[str, ...]] = [PARAMETER_HEAD]
-    known = bool(stds.any())
-    percents = relative_percent(stds, values)
-    for name, unit, role, value, std, percent, white in zip(
-        names, units, roles, values, stds, percents, whites, strict=True
-    ):
+    *columns, factor = estimates
+    cells: list[tuple[str, ...]] = [PARAMETER_HEAD]
+    known = bool(estimates.stds.any())
+    percents = relative_percent(estimates.stds, estimates.values)
+    for name, unit, role, value, std, white, percent in zip(*columns, percents, strict=True):
         if role != "estimated":
-            rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", "", "", "", role))
+            cells.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", "", "", "", role))
             continue
         places = _decimal_places(std)
         uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
@@ -81,8 +115,8 @@ def parameter_rows(
             else ("-",) * 5
         )
         remark = " ".join(filter(None, ("*" if uncertain else "", remarks.get(name, ""))))
-        rows.append((name, unit, _number(value, places), *sigmas, remark))
-    return rows
+        cells.append((name, unit, _number(value, places), *sigmas, remark))
+    return cells
 
 
 def limb_headings(robot: Mapping[str, Any]) -> list[tuple[frozenset[int], str]]:
