@@ -186,7 +186,7 @@ def test_six_causes_are_decided(monkeypatch: pytest.MonkeyPatch) -> None:
     every = [stub(hypothesis=Hypothesis(code="gain"), d=-1.0 - k, friction=False) for k in range(9)]
     monkeypatch.setattr(causes, "signs", lambda rows: every)
     monkeypatch.setattr(search, "_tried", lambda item: item)
-    monkeypatch.setattr(search, "_torn_joints", lambda: ())
+    monkeypatch.setattr(search, "_torn", [], raising=False)
     monkeypatch.setattr(search, "_promising", lambda: [])
     monkeypatch.setattr(search, "_decided", lambda item: decided.append(item.d))
     monkeypatch.setattr(search, "_named", lambda found: None)

@@ -221,11 +221,6 @@ def latex_text(text: str) -> str:
     return "".join(f"$^{{{part}}}$" if k % 2 else part for k, part in enumerate(shown))
 
 
-def _latex_unit(unit: str) -> str:
-    """Return a unit with thin spaces in place of points, as in ``kg.m^2``."""
-    return r"\,".join(latex_text(part) for part in unit.split("."))
-
-
 def _latex_number(cell: str) -> str:
     """Return a number in math mode, for a proper minus sign; other cells are text."""
     if not NUMBER.fullmatch(cell):
@@ -258,6 +253,7 @@ def _latex(grid: Grid, comments: Sequence[str] = ()) -> str:
             _latex_number(cell) if letter == "r" else latex_text(cell)
             for cell, letter in zip(others, grid.align[2:], strict=True)
         ]
-        second = _latex_unit(unit) if grid.units else latex_text(unit)
+        # Thin spaces in place of the points of a unit, as in ``kg.m^2``.
+        second = r"\,".join(map(latex_text, unit.split("."))) if grid.units else latex_text(unit)
         lines.append(" & ".join([latex_text(name), second, *shown]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -114,38 +115,32 @@ class Search:
         """Return the cause that explains the log, or None."""
         rows = self.rows
         trials = [self._tried(hypothesis) for hypothesis in signs(rows)]
-        torn = self._torn_joints()
-        if rows.hopeless and not torn and not any(hypothesis.friction for hypothesis in trials):
+        if rows.hopeless and not self._torn and not any(trial.friction for trial in trials):
             return None
         for family in OF_TORQUES:
             trials += [self._tried(hypothesis) for hypothesis in family(rows)]
         trials += [self._tried(hypothesis) for hypothesis in self._promising()]
-        trials = [hypothesis for hypothesis in trials if np.isfinite(hypothesis.d)]
-        near = sorted(
-            (hypothesis for hypothesis in trials if hypothesis.d <= SCREEN),
-            key=lambda hypothesis: hypothesis.d,
-        )[:MOST_DECIDED]
-        known = {id(hypothesis.hypothesis) for hypothesis in near}
-        near += [
-            hypothesis
-            for hypothesis in trials
-            if id(hypothesis.hypothesis) not in known
-            and (
-                hypothesis.friction
-                or (hypothesis.hypothesis.turns and hypothesis.hypothesis.joints[0] in torn)
-            )
+        trials = [trial for trial in trials if np.isfinite(trial.d)]
+        near = [trial for trial in sorted(trials, key=lambda trial: trial.d) if trial.d <= SCREEN][
+            :MOST_DECIDED
         ]
-        return None if not near else self._named([self._decided(hypothesis) for hypothesis in near])
+        doubted = (trial for trial in trials if trial.friction or self._turns_back(trial.hypothesis))
+        near += [trial for trial in doubted if trial not in near]
+        return self._named([self._decided(trial) for trial in near]) if near else None
+
+    def _turns_back(self, hypothesis: Hypothesis) -> bool:
+        """Whether it turns a joint whose torques only parameters of no robot explain."""
+        return hypothesis.turns and hypothesis.joints[0] in self._torn
 
     def _promising(self) -> list[Hypothesis]:
         """Return the hypotheses with columns of their own that pass the screening, the best first."""
-        rows, torn = self.rows, self._torn_joints()
+        rows = self.rows
         scored: list[tuple[float, Hypothesis]] = []
         families = OF_SIGNS if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)
         for family in (*families, *OF_READINGS) if self._readings else families:
             for hypothesis in family(rows):
                 d = rows.rough(hypothesis) if family is not scales else self._fell(hypothesis)
-                if hypothesis.turns and hypothesis.joints[0] in torn:
+                if self._turns_back(hypothesis):
                     d = min(d, SCREEN)
                 if d <= SCREEN:
                     scored.append((d, hypothesis))
@@ -155,15 +150,17 @@ class Search:
     def _fell(self, hypothesis: Hypothesis) -> float:
         return float(np.sum(np.log(self.rows.seen(hypothesis) / self.rows.declared_seen)))
 
-    def _torn_joints(self) -> tuple[int, ...]:
-        """Return the joints, from 1, whose torques only parameters of no robot explain."""
-        if not hasattr(self, "_torn"):
-            plain = self.rows.products.seen()
-            held = self.rows.consistent(self.rows.robot, self.rows.w, self.rows.y)
-            self._held = None if held is None else np.sum(held**2, axis=1)
-            cost = np.zeros(self.rows.n) if self._held is None else np.log(self._held / plain)
-            self._torn = tuple(int(joint) + 1 for joint in np.flatnonzero(cost > TORN))
-        return self._torn
+    @cached_property
+    def _held(self) -> Array | None:
+        """Squared errors of the joints with the parameters of a robot, (n,); None without that fit."""
+        held = self.rows.consistent(self.rows.robot, self.rows.w, self.rows.y)
+        return None if held is None else np.sum(held**2, axis=1)
+
+    @cached_property
+    def _torn(self) -> list[int]:
+        """Joints, from 1, whose torques only parameters of no robot explain."""
+        cost = 0.0 if self._held is None else np.log(self._held / self.rows.declared_seen)
+        return (np.flatnonzero(cost > TORN) + 1).tolist()
 
     def _products(self, hypothesis: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
         if hypothesis not in self._columns:
@@ -182,7 +179,6 @@ class Search:
         """Return a trial with D of the consistent fit, and whether another log confirms it."""
         hypothesis = plain.hypothesis
         solved = self._products(hypothesis)
-        self._torn_joints()
         if solved is None or self._held is None:
             return plain
         mixing = hypothesis.mixing(self.rows.n)
@@ -248,17 +244,7 @@ def tried(rows: Declared, hypothesis: Hypothesis, products: Products, names: Seq
     )
 
 
-@dataclass(frozen=True, eq=False)
-class OfSystem:
-    """A linear system (7) as declared."""
-
-    n: int
-    names: tuple[str, ...]
-    products: Products
-    declared: Judged
-
-
-def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | None:
+def cause_of_torques(system: LinearSystem) -> tuple[Declared, Cause | None] | None:
     """Return the wrong sign or the exchange of torques that a system (7) shows by itself, on held-out blocks.
 
     The quick look of every method, before any other: a log like that spoils starts and steps too.
@@ -268,20 +254,16 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
     products = Products.of_system(system)
     if not (products.y.sum(axis=1) > 0.0).all():
         return None
-    rows = OfSystem(products.n, system.names, products, products.judged())
-    trials = [
-        tried(rows, hypothesis, products, rows.names)
-        for family in (signs, exchanges)
-        for hypothesis in family(rows)
-    ]
-    best, *_ = order = sorted(trials, key=lambda hypothesis: hypothesis.d)
+    rows = Declared(system.names, products, products.judged())
+    hypotheses = (*signs(rows), *exchanges(rows))
+    best, *_ = order = sorted(
+        (tried(rows, each, products, rows.names) for each in hypotheses), key=lambda trial: trial.d
+    )
     if best.d <= NAMED and best.blocks >= BLOCKS_BETTER:
-        ties = [
-            hypothesis for hypothesis in order if hypothesis.d <= best.d + MARGIN and not hypothesis.refused
-        ]
-        return rows, Cause(tuple(_distinct(ties)), certain=True) if ties else None
-    by_friction = [hypothesis for hypothesis in order if hypothesis.friction]
-    return rows, Cause(tuple(_distinct(by_friction)), certain=True) if by_friction else None
+        ties = [trial for trial in order if trial.d <= best.d + MARGIN and not trial.refused]
+    else:
+        ties = [trial for trial in order if trial.friction]
+    return rows, Cause(tuple(_distinct(ties)), certain=True) if ties else None
 
 
 def torn(held: Array, plain: Array, size: Array) -> float:

@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,26 +60,6 @@ class Judged:
     def better_blocks(self, other: Judged) -> int:
         """Count the blocks whose errors are smaller than another hypothesis leaves, all channels together."""
         return int(np.count_nonzero(np.sum(np.log(self.unseen / other.unseen), axis=0) < 0.0))
-
-
-class Declared(Protocol):
-    """A log as declared: all that hypotheses on its torques need."""
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns."""
-
-    @property
-    def products(self) -> Products:
-        """Products of columns and torques."""
-
-    @property
-    def declared(self) -> Judged:
-        """Errors of the declared model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +202,30 @@ class Products:
     def _change(self, order: Sequence[int] | None, factors: Array | None) -> tuple[list[int], Array]:
         rows = list(range(self.n)) if order is None else list(order)
         return rows, np.ones(self.n) if factors is None else np.asarray(factors, dtype=np.float64)
+
+
+@dataclass(eq=False)
+class Declared:
+    """A log as declared: all that hypotheses on its torques need.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the columns.
+    products : Products
+        Products of columns and torques.
+    declared : Judged
+        Errors of the declared model.
+    """
+
+    names: tuple[str, ...]
+    products: Products
+    declared: Judged
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.products.n
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from ..signal.decimation import decimate, decimation_stages
 from ..signal.noise import row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
-from .products import BLOCKS, Products
+from .products import BLOCKS, Declared, Products
 from .screen import MOTION, Screen, ScreenedRows
 from .thresholds import HINT
 
@@ -43,7 +43,7 @@ SAMPLES = 6000
 """Smallest number of samples for a hypothesis."""
 
 
-class LogRows:
+class LogRows(Declared):
     """The rows of a log as declared, and what hypotheses make of them.
 
     Parameters

@@ -276,8 +276,9 @@ class Job:
         system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
-        n_rows = system.y.size // robot.n_dof
-        return system.norms(prediction_error(system, beta)), system.norms(system.y), n_rows
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.asarray(system.y - system.w @ beta)
+        return system.norms(error), system.norms(system.y), system.y.size // robot.n_dof
 
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
         """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
@@ -309,12 +310,6 @@ def sample_time_s(experiment: Experiment) -> float:
     if isinstance(law, ControllerSpec):
         return law.sample_time_s
     return law.digital.sample_time_s if law is not None and law.digital is not None else 0.0
-
-
-def prediction_error(system: LinearSystem, beta: Array) -> Array:
-    """Return ``Y - W beta``, infinite after an overflow."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(system.y - system.w @ beta)
 
 
 def ratio(part: float | np.floating, whole: float | np.floating) -> float:

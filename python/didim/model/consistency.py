@@ -72,14 +72,10 @@ def cone(
     )
 
 
-def link_basis() -> Array:
-    """Return the pseudo-inertias of unit parameters ``XX XY XZ YY YZ ZZ MX MY MZ M``, (10, 4, 4)."""
-    return np.array([pseudo_inertia(unit) for unit in np.eye(len(INERTIAL))])
-
-
 def link_cones(robot: Robot) -> list[Cone]:
     """Return the condition (12) of every link: its pseudo-inertia about its frame."""
-    places, basis = places_of(robot), link_basis()
+    places = places_of(robot)
+    basis = np.array([pseudo_inertia(unit) for unit in np.eye(len(INERTIAL))])
     return [
         Cone(f"link {j}", tuple(places[f"{name}{j}"] for name in INERTIAL), basis, np.zeros((4, 4)))
         for j in range(1, robot.n_joints + 1)

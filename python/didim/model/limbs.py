@@ -199,8 +199,3 @@ def _name(robot: Robot, joints: tuple[int, ...]) -> str:
         if common and len(joints) > 1:
             return common
     return f"joints {joints[0] + 1} to {joints[-1] + 1}" if len(joints) > 1 else robot.joint_label(joints[0])
-
-
-def role_of(name: str, limb: str) -> str:
-    """Return the name of a joint within its limb: ``thigh_joint`` of ``FL_thigh_joint`` in limb ``FL``."""
-    return name.removeprefix(limb).strip("_-. ") or name

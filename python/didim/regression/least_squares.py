@@ -82,7 +82,8 @@ def solve(
             columns = tuple(index for index, _ in scaled.dependent)
             raise RankError(dependence_sentence(system.names, scaled.dependent), columns)
         if number == 1:
-            condition_number = _condition_number(scaled.singular_values)
+            low, high = scaled.singular_values.min(), scaled.singular_values.max()
+            condition_number = float(high / low) if low > 0.0 else float("inf")
         beta = scaled.solution
         residual = system.residual(beta)
         # Asked to stop after the last solution, there is nothing left to stop.
@@ -214,10 +215,6 @@ def solve_partly(
     solution[free] = fit.solution
     covariance[np.ix_(free, free)] = fit.covariance
     return replace(fit, solution=solution, covariance=covariance), tuple(held)
-
-
-def _condition_number(singular: Array) -> float:
-    return float(singular.max() / singular.min()) if singular.min() > 0.0 else float("inf")
 
 
 def dependence_sentence(

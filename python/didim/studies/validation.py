@@ -18,7 +18,6 @@ from .._tools.words import series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
-from ..experiment.specs import ControllerSpec
 from ..loop.outcome import Outcome
 from ..result.identification import Identification
 
@@ -164,11 +163,11 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     DidimError
         As for an identification of the experiment.
     """
-    from ..experiment.loop import closed_loop
+    from ..evidence.loop.law import made_up
     from ..methods.job import ratio, ratios
     from ..methods.method import FitSettings
     from .loaded import same_parameters, standard_in, unloaded, with_gains_of
-    from .prediction import with_friction_of
+    from .prediction import simulate_window, with_friction_of
     from .run import recording_errors
 
     experiment = with_gains_of(fit, with_friction_of(fit, experiment_of(experiment)))
@@ -181,9 +180,7 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
     # Invented gains do not represent the real loop.
-    law = experiment.controller
-    unknown = isinstance(law, ControllerSpec) and law.settings.get("kind") == "made-up"
-    closed = experiment.reference is not None and law is not None and not unknown
+    closed = None not in (experiment.reference, experiment.controller) and not made_up(experiment)
     recordings = []
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
@@ -192,12 +189,10 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
             direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
         outcome, simulated = None, {}
         if closed:
-            window = recording.windows[0]
-            loop = closed_loop(experiment, recording, window)
-            arrays, outcomes = loop.run(x[None])
-            outcome = outcomes[0]
+            run = simulate_window(x, experiment, recording, recording.windows[0])
+            outcome = run.outcome
             if outcome.completed:
-                q, dq, ddq, tau = (values[0] for values in arrays)
-                simulated = recording_errors(experiment, recording, window, (q, dq, ddq, tau))
+                arrays = run.q, run.dq, run.ddq, run.tau
+                simulated = recording_errors(experiment, recording, recording.windows[0], arrays)
         recordings.append(RecordingValidation(recording.name, direct, overall, simulated, outcome))
     return Validation(fit, experiment.name, tuple(recordings))

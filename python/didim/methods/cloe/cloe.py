@@ -22,7 +22,7 @@ from ...result.iteration import Reporter
 from ...result.status import Status
 from ..positions.estimate import identify_positions
 from .consistent import ConsistentSteps, consistent_steps
-from .held_gains import has_currents, run_with_held_gains
+from .held_gains import run_with_held_gains
 from .levenberg_marquardt import SafeSteps, search
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -94,7 +94,7 @@ class CLOE(CLOESettings):
         """
         if experiment.links == "fixed":
             return identify_positions(self, experiment, reporter)
-        if has_currents(experiment):
+        if any(each.drives is not None for each in experiment.recordings if each.role == "fit"):
             return run_with_held_gains(self, self.run, experiment, reporter)
         begun = self._begun(experiment, reporter)
         problem = begun.problem

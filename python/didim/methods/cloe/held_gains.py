@@ -23,11 +23,6 @@ Run = Callable[[Experiment, Reporter], Identification]
 """A run of CLOE on an experiment with torques."""
 
 
-def has_currents(experiment: Experiment) -> bool:
-    """Return whether a fitted recording has currents with unknown drive gains."""
-    return any(recording.drives is not None for recording in experiment.recordings if recording.role == "fit")
-
-
 def run_with_held_gains(
     method: CLOESettings, run: Run, experiment: Experiment, reporter: Reporter
 ) -> Identification:

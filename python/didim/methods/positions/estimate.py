@@ -21,7 +21,6 @@ from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
-from ...model.limbs import role_of
 from ...result.finding import Finding, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter
@@ -258,7 +257,7 @@ def _limbs(problem: Problem) -> list[dict[str, Any]]:
             {
                 "name": limb.name or problem.robot.name,
                 "joints": [joint + 1 for joint in limb.joints],
-                "roles": [role_of(name, limb.name) for name in names],
+                "roles": [name.removeprefix(limb.name).strip("_-. ") or name for name in names],
             }
         )
     return limbs

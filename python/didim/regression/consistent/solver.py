@@ -153,6 +153,7 @@ class ConsistentSolver:
         weights = scale if weighted else np.ones(len(scale))
         inverse = _inverse(triangle, problem, constrained.x) * (1.0 if weighted else float(scale[0]))
         nearest = _plain(triangle, right)
+        off = triangle @ nearest - right
         singular = np.linalg.svd(unweighted, compute_uv=False)
         return Fit(
             solution=solution,
@@ -167,7 +168,7 @@ class ConsistentSolver:
                 "gamma": problem.gamma,
                 "prior": problem.prior.name,
                 "prior_mass": float(problem.prior.bodies[0][3, 3]),
-                "half_distance": constrained.half_distance - _half_square(triangle @ nearest - right),
+                "half_distance": constrained.half_distance - 0.5 * float(off @ off),
                 "iterations": constrained.iterations,
                 **_errors(system, nearest, solution),
             },
@@ -222,10 +223,6 @@ def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
     spread = problem.matrix @ np.linalg.pinv(hessian, hermitian=True) @ problem.matrix.T
     values, vectors = np.linalg.eigh(spread)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _half_square(error: Array) -> float:
-    return 0.5 * float(error @ error)
 
 
 def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, Any]:
