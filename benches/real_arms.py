@@ -188,7 +188,7 @@ def measure(seed: int, methods: list[str], plain_seconds: float) -> dict[str, An
     fit = didim.identify(arm.log, didim.IDIMLS())
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (POSITIONS, arm.robot.n_dof))
     smallest = float(np.linalg.eigvalsh(didim.inertia_matrix(arm.robot, q, fit.parameters)).min())
-    row = {"arm": seed, "axes": arm.robot.n_dof, "digital": arm.digital, "smallest": smallest}
+    row: dict[str, Any] = {"arm": seed, "axes": arm.robot.n_dof, "digital": arm.digital, "smallest": smallest}
     if smallest > 0.0:
         return row
     other = arm.other()

@@ -25,7 +25,7 @@ from ..regression.friction.sampling import sampling_errors
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
-from ..regression.solver import solver_name
+from ..regression.solver import solver_record
 from ..result.finding import Finding
 from ..result.further import Further
 from ..result.identification import Identification
@@ -255,7 +255,7 @@ def fitted(
     drift = {"drift": [asdict(difference) for difference in moved]} if moved else {}
     run = replace(
         run,
-        settings={"solver": {"name": solver_name(job.solver_choice), **fit.record}, **drift, **run.settings},
+        settings={"solver": solver_record(job.solver_choice, fit), **drift, **run.settings},
         remarks=(*fit.remarks, *run.remarks, *spread.remarks),
         evidence=(*run.evidence, *lasting, *drift_findings(job, moved), *loads),
     )
@@ -371,13 +371,12 @@ def load_finding(load: Load, text: str, recording: str = "") -> Finding:
 
 def record(job: Job, **more: Any) -> dict[str, Any]:
     """Return settings and recordings of a run as JSON data (lists instead of tuples)."""
-    asked = job.delay_setting
     return experiment_record(
         job.experiment,
         job.robot,
         signal=asdict(job.signal),
         least_squares=asdict(job.settings),
-        delay={"compensate_samples": asked.samples if isinstance(asked, Delay) else asked},
+        delay={"compensate_samples": delay_asked(job)},
         fixed=dict(job.fixed),
         dropped=job.dropped,
         **more,
@@ -414,6 +413,12 @@ def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict
     }
     restored: dict[str, Any] = json.loads(json.dumps(asked))
     return restored
+
+
+def delay_asked(job: Job) -> object:
+    """Return the setting of the delay as JSON data."""
+    setting = job.delay_setting
+    return setting.samples if isinstance(setting, Delay) else setting
 
 
 def solved_status(fit: Fit) -> Status:

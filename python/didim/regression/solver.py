@@ -7,6 +7,7 @@ frozen dataclass with ``__call__``, which can be pickled and compared.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from .._tools.plugins import named
@@ -111,3 +112,8 @@ def solver_name(choice: SolverChoice) -> str:
             return name
     own = getattr(choice, "name", None)
     return own if isinstance(own, str) else getattr(choice, "__name__", type(choice).__name__)
+
+
+def solver_record(choice: SolverChoice, fit: Fit) -> Mapping[str, object]:
+    """Return name and settings of a solver, for the record of a result."""
+    return {"name": solver_name(choice), **fit.record}
