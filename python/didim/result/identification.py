@@ -261,7 +261,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         return parameter_rows(self._estimates(), marks)
 
     def value_rows(self) -> list[dict[str, Any]]:
-        """Return a row of each parameter by the columns of `to_dataframe`, its ``name`` the first."""
+        """Return a row of each parameter, with the columns of `to_dataframe`."""
         base = [{**row, "group": "robot"} for row in self._estimates().value_rows()]
         return base + ([] if self.further is None else self.further.value_rows(self.interval_factor()))
 
