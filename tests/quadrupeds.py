@@ -102,7 +102,7 @@ def followed(
     return q
 
 
-def logged(folder: Path, mujoco: Any, seconds: float = 14.0) -> Path:
+def logged(folder: Path, mujoco: Any, seconds: float = 8.0) -> Path:
     """Write the twin's file and its log, ``go2.xml`` and ``traj_0.npz``; commands act 6 ms late."""
     folder.mkdir(exist_ok=True)
     (folder / "go2.xml").write_text(robot_text(), encoding="utf-8")
@@ -167,7 +167,7 @@ def arm_text(*, truth: bool = False) -> str:
     return _ARM.format(drive=drive, gripper=" ".join(map(str, GRIPPER)))
 
 
-def arm_episodes(mujoco: Any, count: int = 3, seconds: float = 8.0) -> list[dict[str, np.ndarray]]:
+def arm_episodes(mujoco: Any, count: int = 3, seconds: float = 4.0) -> list[dict[str, np.ndarray]]:
     """Episodes of a LeRobot log: actions and observations in degrees, the gripper in percent of its range."""
     low, high = GRIPPER
     found = []

@@ -32,7 +32,7 @@ from didim.errors import FitError, PlotError
 from didim.plot import style
 from didim.report.fit import judged
 from didim.report.page import Html, table
-from didim.report.picture import PHONE_IN, column_edges, picture, row_edges
+from didim.report.picture import PHONE_IN, column_edges, panels_of, picture, row_edges
 from didim.result.status import Status
 from didim.studies.comparison import sentences
 from didim.studies.simulated_log import packaged_experiment
@@ -142,8 +142,7 @@ def pages(fit: Identification, arm: Experiment, fit_html: str, comparison: Compa
 def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the figures and embed an empty picture of each: their layout takes most of the time, and these tests read the text."""
     monkeypatch.setattr("didim.report.picture.svg", lambda figure: "<svg/>")
-    for edges, without in (("column_edges", [0.0, 1.0]), ("row_edges", []), ("_legend_columns", [])):
-        monkeypatch.setattr(f"didim.report.picture.{edges}", lambda figure, edges=without: edges)
+    monkeypatch.setattr("didim.report.picture.panels_of", lambda figure: [])
 
 
 @pytest.mark.parametrize("which", REPORTS)
@@ -511,7 +510,7 @@ def test_a_phone_gets_the_columns_of_a_picture_one_below_the_other() -> None:
     axes = figure.subplots(2, 2)
     figure.colorbar(axes[0, 1].imshow([[0.0, 1.0]]), ax=axes[0, 1])
     html = picture(figure, "four panels").text
-    left, cut, right = column_edges(figure)
+    left, cut, right = column_edges(figure, panels_of(figure))
     assert (left, right) == (0.0, 1.0)
     assert axes[0, 0].get_position().x1 < cut < axes[0, 1].get_position().x0
     widths = [float(width) for width in re.findall(r"<span style=\"width:([\d.]+)%", html)]
@@ -524,7 +523,8 @@ def test_a_phone_gets_the_joints_of_a_picture_in_their_order() -> None:
     pairs = list(style.panel_pairs(figure, 5, 2, (2.0, 1.0)))
     html = picture(figure, "five joints").text
     corners = parts_of(html)
-    down, across = [0.0, *row_edges(figure)], column_edges(figure)[:-1]
+    panels = panels_of(figure)
+    down, across = [0.0, *row_edges(figure, panels)], column_edges(figure, panels)[:-1]
     assert (len(down), len(across)) == (3, 2)
     expected = [(x, y) for y in down for x in across]
     assert np.array(corners) == pytest.approx(np.array(expected), abs=2e-3)

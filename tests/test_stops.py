@@ -41,7 +41,7 @@ EXPERIMENT += recorded("log.npz", "q", "r")
 Push = Callable[[float, np.ndarray], list[float]]
 
 
-def commands(shift: list[float], scale: float = 0.35, seconds: float = 20.0) -> np.ndarray:
+def commands(shift: list[float], scale: float = 0.35, seconds: float = 12.0) -> np.ndarray:
     """Waves, and steps in half of the log, (n_samples, 4)."""
     rng = np.random.default_rng(0)
     t = np.arange(round(seconds * ARM_RATE)) / ARM_RATE
@@ -79,7 +79,7 @@ def drives_are_true(fit: didim.Identification, share: float) -> None:
 @pytest.mark.parametrize("ranges", [True, False])
 def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
     """A gripper commanded beyond its end half of the time, with an end that the file has, or not."""
-    r = commands([0.0, 0.0, 0.0, 0.9])
+    r = commands([0.0, 0.0, 0.0, 0.9], seconds=16.0)
     file = arm_text() if ranges else without_ranges(arm_text())
     experiment = logged(tmp_path, r, file)
     fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
@@ -104,12 +104,12 @@ def test_free_motion_has_no_word(tmp_path: Path, span: str) -> None:
     experiment = logged(tmp_path, commands([0.0] * 4), file)
     problem = build(experiment)
     assert not problem.stops
-    assert [len(item.q) for item in problem.rollouts] == [1000]
+    assert [len(item.q) for item in problem.rollouts] == [600]
 
 
 def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
     """A gripper that is closed, but for one move."""
-    r = commands([0.0] * 4)
+    r = commands([0.0] * 4, seconds=20.0)
     r[:, 3] = np.where(np.arange(len(r)) < 75, 0.5, -0.6)
     with pytest.raises(
         FitError, match=r"joint 4 \(gripper\) is held .* for 1\d.\d s, and too little is left"
@@ -120,14 +120,14 @@ def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("push", "begin", "end"),
     [
-        (lambda t, q: [0.0, -0.5 if 10.0 < t < 13.0 else 0.0, 0.0, 0.0], 10.0, 13.0),
-        (lambda t, q: [0.0, -5.0 * max(q[1] - 0.3, 0.0) if 8.0 < t < 14.0 else 0.0, 0.0, 0.0], 8.0, 14.0),
+        (lambda t, q: [0.0, -0.5 if 6.0 < t < 9.0 else 0.0, 0.0, 0.0], 6.0, 9.0),
+        (lambda t, q: [0.0, -5.0 * max(q[1] - 0.3, 0.0) if 5.0 < t < 9.0 else 0.0, 0.0, 0.0], 5.0, 9.0),
     ],
     ids=["a push", "a soft wall"],
 )
 def test_pushes_are_left_out(tmp_path: Path, push: Push, begin: float, end: float) -> None:
     """Errors that are several times those of the rest show what is too weak to hold a joint."""
-    experiment = logged(tmp_path, commands([0.0] * 4, seconds=24.0), arm_text(), push=push)
+    experiment = logged(tmp_path, commands([0.0] * 4, seconds=16.0), arm_text(), push=push)
     fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
     (finding,) = [item for item in fit.evidence if item.code == "held"]
     assert "something pushes joint 2 (shoulder_lift)" in finding.sentence
@@ -155,14 +155,14 @@ def test_larger_errors_of_faster_motions_are_no_pushes() -> None:
 
 def test_friction_that_changes_makes_a_result_doubtful(tmp_path: Path) -> None:
     """A joint whose damping and friction are larger in the second half of the log: no single value is true."""
-    r, step_s = commands([0.0] * 4, seconds=24.0), 2.5e-4
+    r, step_s = commands([0.0] * 4, seconds=20.0), 2.5e-4
     model = mujoco.MjModel.from_xml_string(without_ranges(arm_text(truth=True)))
     added = 0.5 * np.array([model.dof_frictionloss[1], model.dof_damping[1]])
     before = [0.0]
 
     def push(t: float, q: np.ndarray) -> list[float]:
         speed, before[0] = (q[1] - before[0]) / step_s, float(q[1])
-        return [0.0, -added @ [np.tanh(speed / 0.01), speed] if t > 12.0 else 0.0, 0.0, 0.0]
+        return [0.0, -added @ [np.tanh(speed / 0.01), speed] if t > 10.0 else 0.0, 0.0, 0.0]
 
     fit = didim.identify(logged(tmp_path, r, arm_text(), push=push), CLOE(threads=1), verbose=False)
     (finding,) = [item for item in fit.evidence if item.code == "changes"]
@@ -174,7 +174,7 @@ def test_friction_that_changes_makes_a_result_doubtful(tmp_path: Path) -> None:
 
 def test_right_logs_have_no_change(tmp_path: Path) -> None:
     fit = didim.identify(
-        logged(tmp_path, commands([0.0] * 4, seconds=24.0), arm_text()), CLOE(threads=1), verbose=False
+        logged(tmp_path, commands([0.0] * 4, seconds=16.0), arm_text()), CLOE(threads=1), verbose=False
     )
     assert fit.verdict.sound
     assert not [item for item in fit.evidence if item.code == "changes"]

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,8 @@ PHONE_IN = 4.0
 
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom as shares of a figure's size, from its upper left corner."""
+Panels: TypeAlias = "Sequence[tuple[Axes, Bbox]]"
+"""Panels of a drawn figure with the boxes around them (pixels from below left)."""
 
 
 def picture(figure: Figure, description: str) -> Html:
@@ -40,16 +42,17 @@ def picture(figure: Figure, description: str) -> Html:
     image, size, dpi = _image(figure), _pixels(figure), figure.dpi
     figure.dpi = 72.0  # that of the SVG, by which the legend was laid out
     try:
-        across = column_edges(figure)
+        panels = panels_of(figure)
+        across = column_edges(figure, panels)
         kind = _kind(figure, size[0], len(across) - 1)
-        legend = _legend_columns(figure) if kind != "aside" else []
+        legend = _legend_columns(figure, panels) if kind != "aside" else []
         top = legend[0][3] if legend else 0.0
-        rows = [edge for edge in row_edges(figure) if edge > top] if len(across) > 2 else []
+        rows = [edge for edge in row_edges(figure, panels) if edge > top] if len(across) > 2 else []
         parts = [_legend(legend, size)] if legend else []
         for upper, lower in itertools.pairwise([top, *rows, 1.0]):
             boxes = [(left, upper, right, lower) for left, right in itertools.pairwise(across)]
             cells = (
-                f'<span{"" if _has_panel(figure, box) else EMPTY} style="{_cut(box, size)}"></span>'
+                f'<span{"" if _has_panel(figure, panels, box) else EMPTY} style="{_cut(box, size)}"></span>'
                 for box in boxes
             )
             parts.append(f'<div class="columns">{"".join(cells)}</div>')
@@ -122,19 +125,19 @@ def _for_a_phone(figure: Figure, *, with_legend: bool) -> str:
     return f'<div class="phone" style="width:{size[0]}px;{image}">{whole}</div>'
 
 
-def _legend_columns(figure: Figure) -> list[Box]:
+def _legend_columns(figure: Figure, panels: Panels) -> list[Box]:
     """Return where a drawn figure has the columns of its legend; none where it does not stand alone above all panels."""
-    boxes = [box for _, box in _panels(figure)]
+    boxes = [box for _, box in panels]
     if len(figure.legends) != 1 or figure.get_suptitle() or not boxes:
         return []
     (legend,) = figure.legends
     around, whole = legend.get_window_extent(), figure.bbox
-    panels = max(box.y1 for box in boxes)
+    below = max(box.y1 for box in boxes)
     # The layout lets titles reach into the empty border of the legend.
-    if panels > around.y0 + 0.25 * around.height:
+    if below > around.y0 + 0.25 * around.height:
         return []
     top, bottom = (
-        float(np.clip(1.0 - y / whole.height, 0.0, 1.0)) for y in (around.y1, max(panels, around.y0))
+        float(np.clip(1.0 - y / whole.height, 0.0, 1.0)) for y in (around.y1, max(below, around.y0))
     )
     texts = sorted((text.get_window_extent() for text in legend.get_texts()), key=lambda text: text.x0)
     columns = [list(column) for _, column in itertools.groupby(texts, key=lambda text: round(text.x0))]
@@ -145,8 +148,8 @@ def _legend_columns(figure: Figure) -> list[Box]:
     return [(left, top, right, bottom) for left, right in itertools.pairwise(cuts)]
 
 
-def _panels(figure: Figure) -> list[tuple[Axes, Bbox]]:
-    """Return the panels of a drawn figure, colour bars left out, with the boxes around them (pixels from below left)."""
+def panels_of(figure: Figure) -> Panels:
+    """Return the panels of a drawn figure, colour bars left out; matplotlib takes as long for the boxes as for drawing."""
     return [
         (axes, box)
         for axes in figure.axes
@@ -154,24 +157,24 @@ def _panels(figure: Figure) -> list[tuple[Axes, Bbox]]:
     ]
 
 
-def _has_panel(figure: Figure, box: Box) -> bool:
+def _has_panel(figure: Figure, panels: Panels, box: Box) -> bool:
     """Return whether the middle of a panel lies within a part of the figure."""
     left, top, right, bottom = box
     whole = figure.bbox
     return any(
         left <= 0.5 * (panel.x0 + panel.x1) / whole.width <= right
         and top <= 1.0 - 0.5 * (panel.y0 + panel.y1) / whole.height <= bottom
-        for _, panel in _panels(figure)
+        for _, panel in panels
     )
 
 
-def column_edges(figure: Figure) -> list[float]:
+def column_edges(figure: Figure, panels: Panels) -> list[float]:
     """Return where the columns of panels of a drawn figure begin and end, as shares of its width, from 0 to 1."""
-    gaps = _gaps((box.x0, box.x1, True) for _, box in _panels(figure))
+    gaps = _gaps((box.x0, box.x1, True) for _, box in panels)
     return [0.0, *(gap / figure.bbox.width for gap in gaps), 1.0]
 
 
-def row_edges(figure: Figure) -> list[float]:
+def row_edges(figure: Figure, panels: Panels) -> list[float]:
     """Return where rows of panels of a drawn figure begin, as shares of its height, without the first one.
 
     A row begins with a title: panels without one belong to the panel above.
@@ -179,7 +182,7 @@ def row_edges(figure: Figure) -> list[float]:
     height = figure.bbox.height
     gaps = _gaps(
         (height - box.y1, height - box.y0, bool(axes.get_title("left") or axes.get_title()))
-        for axes, box in _panels(figure)
+        for axes, box in panels
     )
     return [gap / height for gap in gaps]
 
