@@ -245,7 +245,7 @@ def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
     unknown = (
         "delay_s = { max = 0.05 }\nkp = { start = 12.0 }\nkv = { start = 0.2 }\nsaturation = { start = 6.0 }"
     )
-    r = 1.5 * commands(3, 20.0, steps=True)
+    r = 1.5 * commands(3, 10.0, steps=True)
     experiment = twin(tmp_path, ARM.format(option=""), r, unknown=unknown, drive={"saturation": 4.0}, kp=12.0)
     fit = fitted(experiment)
     assert fit.converged
@@ -269,9 +269,9 @@ def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
 def test_what_a_log_cannot_tell_is_held(
     tmp_path: Path, unknown: str, name: str, words: str, steps: bool | None
 ) -> None:
-    r = commands(3, 12.0, steps=bool(steps))
+    r = commands(3, 8.0, steps=bool(steps))
     if steps is None:  # ramps without a turn
-        r = np.linspace(0.0, 0.5, 1200)[:, None] * [1.0, 0.8, -0.6]
+        r = np.linspace(0.0, 0.5, 800)[:, None] * [1.0, 0.8, -0.6]
     parameters = 'dropped = ["Off"]' if "bias" in unknown else ""
     truth = {"Off": 0.0} if parameters else {}
     experiment = twin(tmp_path, ARM.format(option=""), r, unknown=unknown, parameters=parameters, truth=truth)
@@ -323,7 +323,7 @@ def test_rollouts_start_by_themselves_and_a_bad_one_is_left_out(tmp_path: Path) 
 def test_intervals_cover_the_truth(tmp_path: Path) -> None:
     inside = []
     for seed in range(6):
-        r = commands(3, 12.0, steps=True, seed=seed)
+        r = commands(3, 8.0, steps=True, seed=seed)
         fit = fitted(twin(tmp_path, ARM.format(option=""), r, noise=5e-4, seed=seed))
         truth = {"Ia": 0.012, "Fv": 0.15, "Fc": 0.2, "Off": 0.05}
         for row in record(fit).rows:

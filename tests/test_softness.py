@@ -48,7 +48,11 @@ EXPERIMENT += recorded("log.npz", "q", "r")
 
 
 def fitted(
-    folder: Path, soft: str = "", compiled: float = TRUTH["armature"], own: str = ""
+    folder: Path,
+    soft: str = "",
+    compiled: float = TRUTH["armature"],
+    own: str = "",
+    seconds: int = 6,
 ) -> didim.Identification:
     """Fit of a log with attributes of friction, whose armatures were changed after the file was compiled with others.
 
@@ -60,9 +64,9 @@ def fitted(
     text = LEG.format(**{**TRUTH, "armature": compiled, "soft": soft, "integrator": "RK4"})
     model = mujoco.MjModel.from_xml_string(text)
     model.dof_armature[:] = TRUTH["armature"]
-    rng, t = np.random.default_rng(1), np.arange(900) / 100.0
+    rng, t = np.random.default_rng(1), np.arange(100 * seconds) / 100.0
     waves = 0.2 * np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.2, 1.0, 2)) + rng.uniform(0.0, 6.0, 2))
-    jumps = np.repeat(rng.uniform(-0.2, 0.2, (18, 2)), 50, axis=0)
+    jumps = np.repeat(rng.uniform(-0.2, 0.2, (2 * seconds, 2)), 50, axis=0)
     r = np.where((t % 3.0 > 1.5)[:, None], jumps, waves)
     q = followed(mujoco, model, r, 100.0, 0.008, 5e-4)
     np.savez(folder / "log.npz", q=q + 2e-5 * rng.standard_normal(q.shape), r=r)
@@ -87,8 +91,6 @@ def test_the_default_softness_is_simulated(tmp_path: Path) -> None:
     ("soft", "compiled"),
     [
         (' solreffriction="0.05 1"', TRUTH["armature"]),
-        (' solreffriction="0.026 1"', TRUTH["armature"]),
-        (' solreffriction="0.015 1"', TRUTH["armature"]),
         (' solreffriction="0.01 1"', TRUTH["armature"]),
         (' solreffriction="0.003 1"', TRUTH["armature"]),
         (' solimpfriction="0.8 0.95"', TRUTH["armature"]),
@@ -152,10 +154,10 @@ def test_an_estimated_softness_is_exported_and_replayed(tmp_path: Path) -> None:
     assert position_errors(replays)["log"] == pytest.approx(list(np.array(replay.own)), rel=1e-6)
 
 
-@pytest.mark.parametrize("speed", [0.002, 0.02, 0.05])
+@pytest.mark.parametrize("speed", [0.002, 0.05])
 def test_a_smooth_sign_of_another_width_is_near_its_intervals(tmp_path: Path, speed: float) -> None:
     """No law of the search is this friction: estimates are 1 to 2 % off, at most 1.5 half widths of their intervals."""
-    fitted(tmp_path)
+    fitted(tmp_path, seconds=9)
     experiment = didim.load_experiment(tmp_path / "leg.toml")
     truth = build(
         replace(
