@@ -67,6 +67,21 @@ def unjudged() -> Iterator[None]:
 
 
 @pytest.fixture
+def without_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Test no residual for missing friction, which takes twice as long as least squares; for tests of parameters and of noise."""
+    monkeypatch.setattr(
+        "didim.methods.builder._with_model_errors", lambda run, system, fit, parts, spread: spread
+    )
+
+
+@pytest.fixture
+def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the figures and embed an empty picture of each: their layout takes most of the time, for tests that read the text."""
+    monkeypatch.setattr("didim.report.picture.svg", lambda figure: "<svg/>")
+    monkeypatch.setattr("didim.report.picture.panels_of", lambda figure: [])
+
+
+@pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Hear Ctrl-C: a shell that runs tests in the background may have it ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

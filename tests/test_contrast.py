@@ -172,6 +172,7 @@ def test_nothing_is_known_of_the_controller_of_the_tx40(shared: Path, project: P
     assert "the simulated loop is wrong" in reading([filters, loop])
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_the_deviation_of_a_difference_is_its_spread_over_logs(exact: Experiment) -> None:
     differences, stds = [], []
     for seed in range(12):

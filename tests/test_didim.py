@@ -109,9 +109,9 @@ def test_without_noise_the_truth_is_met() -> None:
 
 
 @pytest.mark.usefixtures("unjudged")
-def test_twenty_iterations_do_not_wander(log: Experiment, fit: Identification) -> None:
-    long = identify(log, plain_didim(max_iterations=20, stop=False))
-    assert long.n_iterations == 20
+def test_twelve_iterations_do_not_wander(log: Experiment, fit: Identification) -> None:
+    long = identify(log, plain_didim(max_iterations=12, stop=False))
+    assert long.n_iterations == 12
     assert long.status is Status.CONVERGED
     assert distance(fit, long.beta) < 0.05
     assert all(item.more["largest_change_in_sigma"] < 1e-3 for item in long.history[6:])

@@ -142,6 +142,7 @@ def test_tx40_coupled_friction(
     np.testing.assert_allclose([float(error) for error in written.groups()], run, rtol=0, atol=0.15)
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_tx40_sweep(project: Path, recipes: Path, experiments: dict[str, Experiment]) -> None:
     """Run the three rows that the conclusion rests on; the others take as long as all tests together."""
     module = script(project / "examples" / "tx40_sweep.py")

@@ -142,7 +142,7 @@ def named(log: Experiment, method: DIDIM, wanted: Named) -> None:
     assert wanted in with_ties(finding)
 
 
-@pytest.mark.parametrize("joint", [0, 2, 5])
+@pytest.mark.parametrize("joint", [2, 5])
 def test_didim_names_a_turned_joint(log: Experiment, joint: int) -> None:
     tau = turned(torques(log), joint)
     named(with_torques(log, tau), plain_didim(max_iterations=1), ("torque-sign", (joint + 1,)))
@@ -222,7 +222,7 @@ def measured_tx40(project: Path, shared: Path) -> Experiment:
     return didim.load_experiment(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
 
 
-@pytest.mark.parametrize("joint", [1, 3, 5])
+@pytest.mark.parametrize("joint", [3, 5])
 def test_a_turned_torque_of_the_measured_tx40(measured_tx40: Experiment, joint: int) -> None:
     """Its model errors hide the signs of the wrist from the plain fit; the consistent fit and friction do not."""
     log = with_torques(measured_tx40, turned(torques(measured_tx40), joint))
@@ -243,7 +243,7 @@ def test_gravity_of_the_measured_tx40(measured_tx40: Experiment, gravity: tuple[
         assert finding.remedy.key == "gravity_m_s2"
 
 
-@pytest.mark.parametrize("joint", [0, 1, 2])
+@pytest.mark.parametrize("joint", [0, 2])
 def test_a_gain_and_its_remedy(measured_tx40: Experiment, joint: int) -> None:
     """What the finding says is what was planted, and with the remedy it is gone."""
     factors = np.ones(6)

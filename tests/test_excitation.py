@@ -523,6 +523,7 @@ def test_limits_are_verified_on_a_grid_twenty_times_finer() -> None:
     assert len(basis.derivatives(FINE * basis.samples)[0]) == 20 * len(basis.grid[0])
 
 
+@pytest.mark.usefixtures("unjudged")
 def test_the_example_goes_full_circle(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Sigma as predicted; the error over sigma is one seed's."""
     done = script(project / "examples" / "tx40_excitation.py")

@@ -181,6 +181,7 @@ def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:
     assert any("% of the torques, which is more than friction" in remark for remark in fit.remarks)
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_the_width_of_memory_is_estimated_with_its_deviation() -> None:
     term = FrictionTerm(law="dahl", joint=0, velocity=0.02)
     robot = planar(term, dead_zone=0.01)
@@ -238,6 +239,7 @@ def test_methods_that_simulate_recover_load_and_atan_friction(project: Path) -> 
         assert np.sqrt(np.mean(np.square(list(z.values())))) < 1.8, (method.name, z)
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_standard_deviations_include_those_of_the_velocities() -> None:
     terms = [
         FrictionTerm(law="atan", joint=0, velocity=0.3),

@@ -111,6 +111,7 @@ def test_a_velocity_below_twice_the_dead_zone_is_refused() -> None:
     assert only(fit).refused
 
 
+@pytest.mark.usefixtures("without_drawing")
 def test_the_pair_is_printed_and_saved(tmp_path: Path) -> None:
     fit = fitted()
     item = only(fit)

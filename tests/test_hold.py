@@ -59,7 +59,8 @@ def test_half_a_step_or_half_a_sample() -> None:
     assert hold_samples(1e-3, 5000.0) == 0.5
 
 
-@pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 2000.0])
+@pytest.mark.usefixtures("without_alarm")
+@pytest.mark.parametrize("rate_hz", [500.0, 2000.0])
 def test_idim_ls_accounts_for_the_hold_of_the_planar_arm(project: Path, rate_hz: float) -> None:
     log, x = planar2(project, rate_hz)
     off = sigmas(log, x, IDIMLS())
@@ -89,6 +90,7 @@ def test_didim_needs_no_hold_and_validation_has_that_of_the_method(project: Path
     assert found.held_out[0].overall_relative_error < 1.02 * fit.overall_relative_error
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_idim_iv_accounts_for_the_hold_too(project: Path) -> None:
     log, x = planar2(project, 500.0)
     off = sigmas(log, x, IDIMIV())
@@ -143,6 +145,7 @@ def seven_joints(folder: Path) -> tuple[Robot, np.ndarray]:
     return robot, robot.parameter_set("truth")
 
 
+@pytest.mark.usefixtures("without_alarm")
 def test_idim_ls_accounts_for_the_hold_of_a_seven_joint_arm(tmp_path: Path) -> None:
     robot, x = seven_joints(tmp_path)
     reference = Reference.random_fourier(

@@ -74,6 +74,7 @@ def test_the_band_is_that_of_the_motion(clean: Recording, what: str) -> None:
     assert len(other.errors) == 3
 
 
+@pytest.mark.usefixtures("without_alarm")
 @pytest.mark.parametrize("what", ["clean", "jitter", "steps", "noise"])
 def test_the_filters_work(clean: Recording, what: str) -> None:
     """The fit with them is as good as with the best of a row of cut-offs, within a fifth."""

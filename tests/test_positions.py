@@ -197,6 +197,7 @@ def test_means_of_a_held_reference(lag: float) -> None:
     np.testing.assert_allclose(held.jumps(delay), np.arange(1, 5) / 50.0 + delay)
 
 
+@pytest.mark.usefixtures("without_drawing")
 def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
     experiment = twin(tmp_path, legs(), commands(6, 8.0, steps=True))
     fit = fitted(experiment)

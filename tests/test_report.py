@@ -138,13 +138,6 @@ def pages(fit: Identification, arm: Experiment, fit_html: str, comparison: Compa
     }
 
 
-@pytest.fixture
-def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the figures and embed an empty picture of each: their layout takes most of the time, and these tests read the text."""
-    monkeypatch.setattr("didim.report.picture.svg", lambda figure: "<svg/>")
-    monkeypatch.setattr("didim.report.picture.panels_of", lambda figure: [])
-
-
 @pytest.mark.parametrize("which", REPORTS)
 def test_nothing_is_fetched(pages: dict[str, str], which: str) -> None:
     html = pages[which]

@@ -37,7 +37,7 @@ from urdfs import (
     with_rotors,
 )
 
-TREES = 200
+TREES = 3 * 39
 """Random trees that are compared with Pinocchio."""
 
 

@@ -133,6 +133,7 @@ def test_a_log_needs_positions_or_reference_positions() -> None:
         Recording(t=np.arange(20) / 100.0, q=np.zeros((20, 2)), rate_hz=100.0, has_positions=False)
 
 
+@pytest.mark.usefixtures("without_drawing")
 def test_an_experiment_file_without_positions(
     log: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
