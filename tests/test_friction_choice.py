@@ -344,7 +344,11 @@ def apart_from_table_2(fit: didim.Identification, shared: Path) -> tuple[dict[st
 
 
 @pytest.mark.parametrize("laws", list(TX40), ids=lambda laws: "+".join(laws) or "none")
-def test_the_friction_table_of_the_tx40(shared: Path, project: Path, laws: tuple[str, ...]) -> None:
+def test_the_friction_table_of_the_tx40(
+    shared: Path, project: Path, laws: tuple[str, ...], request: pytest.FixtureRequest
+) -> None:
+    if laws != ("rest",):  # its standard deviations are looked at
+        request.getfixturevalue("without_alarm")
     experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
     experiment = with_laws(experiment, laws)
     fit = didim.identify(experiment)

@@ -194,6 +194,7 @@ def written_log(folder: Path, seconds: float) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("without_alarm", "unjudged")
 @pytest.mark.parametrize("form", get_args(Form))
 @pytest.mark.parametrize("padding", get_args(Convention))
 def test_tx40_dead_zone_gives_one_result_whatever_the_filter(
@@ -204,6 +205,7 @@ def test_tx40_dead_zone_gives_one_result_whatever_the_filter(
     assert np.max(np.abs(fit.beta - oracle.beta) / oracle.std) < 1e-6
 
 
+@pytest.mark.usefixtures("without_alarm", "unjudged")
 @pytest.mark.parametrize("form", get_args(Form))
 @pytest.mark.parametrize("padding", get_args(Convention))
 def test_tx40_rounding_decides_four_parameters_of_the_plain_recipe(
