@@ -38,8 +38,14 @@ def exact() -> Experiment:
 
 @pytest.fixture(scope="module")
 def tx40(exact: Experiment) -> Log:
-    """Six joints, two of them coupled, where the number of joints or their coupling is the point: 2 s a check."""
+    """Six joints, two of them coupled, where the number of joints or their coupling is the point, for 10 s: 2 s a check."""
     return log_of(exact)
+
+
+@pytest.fixture(scope="module")
+def short_tx40(tx40: Log) -> Log:
+    """Five seconds of it, which show most defects as well."""
+    return replace(tx40, t=tx40.t[:5001], q=tx40.q[:5001], tau=tx40.tau[:5001])
 
 
 @pytest.fixture(scope="module")
@@ -174,8 +180,8 @@ def test_radians_for_degrees(log: Log, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("joint", [4, 6])
-def test_torque_of_the_wrong_sign(tx40: Log, tmp_path: Path, joint: int) -> None:
-    alone(check(tx40.change(turned(joint)).write(tmp_path)), "torque-sign", (joint,))
+def test_torque_of_the_wrong_sign(short_tx40: Log, tmp_path: Path, joint: int) -> None:
+    alone(check(short_tx40.change(turned(joint)).write(tmp_path)), "torque-sign", (joint,))
 
 
 def test_wrong_sign_of_a_small_robot(arm: Experiment) -> None:
@@ -216,8 +222,8 @@ def test_columns_exchanged(log: Log, tmp_path: Path, positions: bool, torques: b
     alone(check(spoiled.write(tmp_path)), kind, (1, 2))
 
 
-def test_two_of_six_torques_exchanged(tx40: Log, tmp_path: Path) -> None:
-    spoiled = tx40.change(exchanged(2, 5, positions=False, torques=True))
+def test_two_of_six_torques_exchanged(short_tx40: Log, tmp_path: Path) -> None:
+    spoiled = short_tx40.change(exchanged(2, 5, positions=False, torques=True))
     alone(check(spoiled.write(tmp_path)), "swapped-torques", (2, 5))
 
 
@@ -239,8 +245,8 @@ def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
     assert "those of the joints, not of the motors" in item.sentence
 
 
-def test_a_log_of_the_motors_is_clean(tx40: Log, tmp_path: Path) -> None:
-    assert not check(replace(on_motor_side(tx40), side="motor").write(tmp_path))
+def test_a_log_of_the_motors_is_clean(short_tx40: Log, tmp_path: Path) -> None:
+    assert not check(replace(on_motor_side(short_tx40), side="motor").write(tmp_path))
 
 
 @pytest.mark.parametrize("samples", [5, -3])
@@ -283,8 +289,8 @@ def test_clipped_torque(log: Log, tmp_path: Path, limit: float) -> None:
     assert f"{limit:g}" in item.sentence
 
 
-def test_clipped_current_of_a_motor_is_found_behind_the_coupling(tx40: Log, tmp_path: Path) -> None:
-    motors = replace(on_motor_side(tx40), side="motor")
+def test_clipped_current_of_a_motor_is_found_behind_the_coupling(short_tx40: Log, tmp_path: Path) -> None:
+    motors = replace(on_motor_side(short_tx40), side="motor")
     limit = 0.8 * np.abs(motors.tau[:, 4]).max()
 
     def plant(q: Array, tau: Array) -> None:
@@ -406,8 +412,8 @@ def test_wrong_gain_of_one_joint_with_the_fit_of_another_log(
     alone(check(path, fit.parameters), "drive-gain", (2,))
 
 
-def test_several_defects_are_told_together(tx40: Log, tmp_path: Path) -> None:
-    spoiled = without(tx40.change(turned(3)).change(clip(40.0)), 2000, 2007)
+def test_several_defects_are_told_together(short_tx40: Log, tmp_path: Path) -> None:
+    spoiled = without(short_tx40.change(turned(3)).change(clip(40.0)), 2000, 2007)
     assert {item.kind for item in check(spoiled.write(tmp_path))} == {"gap", "clipped", "torque-sign"}
 
 
