@@ -31,7 +31,8 @@ def advice_of(finding: Finding) -> str:
         return str(finding.facts.get("advice", ""))
     if finding.code in CAUSES and "left" in finding.facts:
         return _cause_advice(finding)
-    return WORDS[finding.code][1](finding)
+    advice = WORDS[finding.code][1]
+    return advice if isinstance(advice, str) else advice(finding)
 
 
 def between(values: Sequence[float], digits: str = ".2g") -> str:
@@ -304,16 +305,10 @@ def _drift_advice(f: Finding) -> str:
     return f'Give the recordings {"offsets" if f.facts["of"] == "offset" else "friction"} = "own"'
 
 
-Words = tuple[Callable[[Finding], str], Callable[[Finding], str]]
-"""Functions that write the sentence and the advice of a finding."""
-
-
-def _always(text: str) -> Callable[[Finding], str]:
-    return lambda finding: text
-
-
+Words = tuple[Callable[[Finding], str], str | Callable[[Finding], str]]
+"""Function that writes the sentence of a finding, and its advice or the function that writes it."""
 WORDS: dict[str, Words] = {
-    "no-robot": (_contradiction, _always("")),
+    "no-robot": (_contradiction, ""),
     "not-white": (
         _not_white,
         lambda f: (
@@ -328,22 +323,18 @@ WORDS: dict[str, Words] = {
             f"the measured torques of {_joints(f)} are {between(f.facts['slopes'], '.3f')} times those of the simulated robot "
             f"(+- {f.deviation:.1g})"
         ),
-        _always(
-            "The parameters are off by as much: look at the gains of [controller], and at the drive gains"
-        ),
+        "The parameters are off by as much: look at the gains of [controller], and at the drive gains",
     ),
     "worse-than-idim-ls": (
         lambda f: (
             f"the simulated torques of {_joints(f)} are off by {percents(f.facts['own'])} %, and IDIM-LS leaves "
             f"{percents(f.facts['least'])} % on the same rows"
         ),
-        _always(
-            "The robot's model is not the cause: look at [controller] and [reference], and trust IDIM-LS"
-        ),
+        "The robot's model is not the cause: look at [controller] and [reference], and trust IDIM-LS",
     ),
     "held-out": (
         _held_out,
-        _always("The logs differ (load, temperature, friction), or the fit lacks motion that this one has"),
+        "The logs differ (load, temperature, friction), or the fit lacks motion that this one has",
     ),
     "controller": (
         lambda f: (
@@ -358,35 +349,35 @@ WORDS: dict[str, Words] = {
             + ("" if f.facts["updating"] else ", or let gain_updating be 'first'")
         ),
     ),
-    "controller-gain": (_controller_gain, _always("Correct the gains under [controller]")),
+    "controller-gain": (_controller_gain, "Correct the gains under [controller]"),
     "controller-delay": (
         lambda f: _law(
             f,
             f"the log's controller acts {1e3 * abs(_value(f)):.3g} ms {'later' if _value(f) >= 0.0 else 'earlier'} than the "
             "declared one",
         ),
-        _always("Write sample_time_s and delay_samples under [controller]"),
+        "Write sample_time_s and delay_samples under [controller]",
     ),
     "reference-late": (
         lambda f: _law(
             f,
             f"the reference looks {1e3 * abs(_value(f)):.3g} ms {'late' if _value(f) > 0.0 else 'early'} against the positions",
         ),
-        _always("Log the reference that the controller gets, at the same time"),
+        "Log the reference that the controller gets, at the same time",
     ),
-    "saturation": (_saturation, _always("Write saturation under [controller]")),
+    "saturation": (_saturation, "Write saturation under [controller]"),
     "feed-forward": (
         lambda f: _law(
             f,
             f"the log's controller feeds a torque forward, {_value(f):.2g} times that of the model along the reference",
         ),
-        _always("Declare it under [controller], or log it"),
+        "Declare it under [controller], or log it",
     ),
     "delay": (_delay, _delay_advice),
     "drift": (_drift, _drift_advice),
     "friction": (_friction, _friction_advice),
-    "model-error": (_model_error, _always("")),
-    "held": (_held, _always("")),
+    "model-error": (_model_error, ""),
+    "held": (_held, ""),
     "size": (
         _size,
         lambda f: (
@@ -397,23 +388,19 @@ WORDS: dict[str, Words] = {
     ),
     "unidentified": (
         _uncertain,
-        _always(
-            "Record a richer or longer motion, drop parameters under [parameters], or take physical = true (--physical)"
-        ),
+        "Record a richer or longer motion, drop parameters under [parameters], or take physical = true (--physical)",
     ),
     "constant-torque": (
         _constant_torque,
-        _always("Look at the sensor and at columns under [recording.torque]"),
+        "Look at the sensor and at columns under [recording.torque]",
     ),
     "spikes": (
         lambda f: (
             f"{f.facts['count']} samples of the torques of {_joints(f)} ({percent(_value(f))} %) are isolated, far from their "
             "neighbours"
         ),
-        _always(
-            'Write spikes = "hampel" under [signal], which replaces them before the decimation smears them'
-        ),
+        'Write spikes = "hampel" under [signal], which replaces them before the decimation smears them',
     ),
-    "gain-unchecked": (_gain_unchecked, _always("")),
+    "gain-unchecked": (_gain_unchecked, ""),
 }
 """Sentence and advice of the other findings, by code."""

@@ -49,9 +49,7 @@ def robot_text(robot: Robot) -> str:
         lines += ["", "[[joint]]"]
         if robot.joint_names:
             lines.append(f"name = {quoted(robot.all_joint_names[j])}")
-        lines += [
-            f"kind = {quoted(kind)}",
-        ]
+        lines.append(f"kind = {quoted(kind)}")
         if geometry.mounts:
             taken = any(any(mount.shift) for mount in geometry.mounts)
             lines += _mount(geometry.mounts[j], j, taken)

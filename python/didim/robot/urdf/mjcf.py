@@ -21,7 +21,7 @@ from ..._tools.inputs import read_small_file
 from ..._tools.words import brief, counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
-from ..rigid_body import inverse, pose, turn
+from ..rigid_body import central, pose, turn
 from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
@@ -392,16 +392,10 @@ def _to_zero(joint: UrdfJoint) -> Array:
 
 def _together(inertials: list[Inertial]) -> Inertial | None:
     """Return the sum of several inertials about their common centre of mass."""
-    mass = sum(inertial.mass for inertial in inertials)
-    if not mass > 0.0:
+    if not sum(inertial.mass for inertial in inertials) > 0.0:
         return None
-    total = np.zeros((4, 4))
-    for inertial in inertials:
-        total += inertial.pseudo
-    frame = pose(np.eye(3), total[:3, 3] / mass)
-    at_centre = inverse(frame) @ total @ inverse(frame).T
-    second = at_centre[:3, :3]
-    return Inertial(mass=mass, frame=frame, inertia=np.trace(second) * np.eye(3) - second)
+    mass, centre, inertia = central(np.sum([inertial.pseudo for inertial in inertials], axis=0))
+    return Inertial(mass=mass, frame=pose(np.eye(3), centre), inertia=inertia)
 
 
 def _scaled(links: Mapping[str, Inertial | None], mass: float) -> dict[str, Inertial | None]:
