@@ -71,18 +71,9 @@ def test_consistent_didim_converges_where_least_squares_gives_no_robot(
         else {"status": "no start", "seconds": 0.1}
         for kind, one in (("idim-ls", direct), ("didim", direct), ("consistent", fit))
     ]
-    text = bench.table(
-        [
-            {
-                "arm": 16,
-                "axes": 7,
-                "digital": False,
-                "smallest": -2.0,
-                "idim-ls": rows[0],
-                "didim": rows[1],
-                "didim-consistent": rows[2],
-            }
-        ]
-    )
+    row = {"arm": 16, "axes": 7, "digital": False, "smallest": -2.0, "idim-ls": rows[0]}
+    row |= {"didim": rows[1], "didim-consistent": rows[2]}
+    text = bench.table([row])
     assert "converges on 1 of 1 arms" in text
     assert "| no start | converged, " in text
+    assert f"| didim | 1 | {fit.n_iterations} / {fit.n_iterations} | 1 |" in bench.summary([row], ["didim"])
