@@ -202,14 +202,14 @@ def _laws(recovery: Recovered, experiment: Experiment, off: list[int], x: Array 
         yield _gains(recovery, off)
     samples = [lag / rows.rate_hz for lag in LAGS]
     tried = [
-        _best(rows, samples, lambda value: rows.law(lag_s=value)),
+        _best(rows, samples, lambda value: rows.law(rows.terms(lag_s=value))),
         # A digital controller has its velocity from differences, half a sample late.
-        _best(rows, [0.0, *samples], lambda value: rows.law(lag_s=value, differences=True)),
+        _best(rows, [0.0, *samples], lambda value: rows.law(rows.terms(lag_s=value, differences=True))),
     ]
     lag, error = min(tried, key=lambda each: float(np.sum((each[1] / rows.size) ** 2)))
     yield Law("controller-delay", error, value=lag)
     leads = sorted({*samples, *(value / 1e3 for value in (5.0, 10.0, 20.0, 40.0))})
-    lead, error = _best(rows, leads, lambda value: rows.law(lead_s=value))
+    lead, error = _best(rows, leads, lambda value: rows.law(rows.terms(lead_s=value)))
     yield Law("reference-late", error, value=lead)
     yield _limits(rows)
     if x is not None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -147,18 +146,18 @@ class LawRows:
             terms_of_law.append(terms if late == 0.0 else _shifted(terms, stretch.t, late))
         return terms_of_law
 
-    def law(self, limit: Array | None = None, **late: Any) -> Array:
+    def law(self, terms: Sequence[Array] | None = None, limit: Array | None = None) -> Array:
         """Torque of the law on the rows, (n_rows, n_dof), see `torques`."""
-        return self.reduced(self.torques(limit, **late))
+        return self.reduced(self.torques(terms, limit))
 
-    def torques(self, limit: Array | None = None, **late: Any) -> list[Array]:
-        """Torque of the law along each stretch, (n, n_dof), at most as large as a limit, (n_dof,); `late` as in `terms`."""
+    def torques(self, terms: Sequence[Array] | None = None, limit: Array | None = None) -> list[Array]:
+        """Torque of the law along each stretch, (n, n_dof), at most a limit, (n_dof,); of the declared terms by default."""
         largest = np.abs(self.controller.gain) * self.controller.saturation
         if limit is not None:
             largest = np.minimum(largest, limit)
         return [
-            np.clip(terms.sum(axis=0) + forward, -largest, largest)
-            for terms, forward in zip(self.terms(**late), self.forward, strict=True)
+            np.clip(parts.sum(axis=0) + forward, -largest, largest)
+            for parts, forward in zip(self.terms() if terms is None else terms, self.forward, strict=True)
         ]
 
     def columns(self) -> Array:
