@@ -346,7 +346,10 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
         See `didim.robot.parameter_file.write_parameters`.
         """
-        write_parameters(self, path)
+        keys = ("names", "units", "roles", "beta", "std", "covariance", "parameter_names", "parameters")
+        title = f"{self.name}: base parameters of robot {self.robot} by {self.method}. {self.conclusion}"
+        arrays = {key: np.asarray(getattr(self, key)) for key in keys}
+        write_parameters(path, arrays, (title, *self.warnings), self.digests.values())
 
     @classmethod
     def load(cls, path: str | Path) -> Identification:

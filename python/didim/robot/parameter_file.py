@@ -9,11 +9,12 @@ TOML is a parameter set as a robot file has it; npz has the covariance too. Test
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
@@ -40,18 +41,23 @@ def check_path(path: Path) -> None:
         raise FitError(f"a file of parameters ends in {' or '.join(SUFFIXES)}, and '{path.name}' does not")
 
 
-def write_parameters(fit: Any, path: str | Path) -> None:
+def write_parameters(
+    path: str | Path, arrays: Mapping[str, NDArray[Any]], comments: Sequence[str], sources: Iterable[str]
+) -> None:
     """Write the parameters of a result, whole or not at all; its input files are never overwritten.
 
     Parameters
     ----------
-    fit : Identification
-        Any result; its class is above this module.
     path : str or Path
         ``.toml``: a set named after the file with the base parameters (all standard parameters of a physically consistent
-        result) and their standard deviations in comments; it can be pasted into the robot file. ``.npz``: ``names``, ``units``,
-        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and the standard parameters as ``parameter_names`` and
-        ``parameters`` (p,). SI units, joint side.
+        result) and their standard deviations in comments; it can be pasted into the robot file. ``.npz``: the arrays.
+    arrays : mapping of str to array
+        ``names``, ``units``, ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and the standard parameters as
+        ``parameter_names`` and ``parameters`` (p,). SI units, joint side.
+    comments : sequence of str
+        Sentences at the head of the TOML.
+    sources : iterable of str
+        SHA-256 of the input files.
 
     Raises
     ------
@@ -62,8 +68,12 @@ def write_parameters(fit: Any, path: str | Path) -> None:
     """
     path = Path(path)
     check_path(path)
-    content = _toml(fit, path.stem) if path.suffix == ".toml" else _npz(fit)
-    write_atomically(path, content, fit.digests.values())
+    if path.suffix == ".toml":
+        write_atomically(path, _toml(arrays, comments, path.stem), sources)
+        return
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    write_atomically(path, content.getvalue(), sources)
 
 
 def load_parameters(robot: Robot, path: str | Path) -> Array:
@@ -113,15 +123,15 @@ def is_file(source: str) -> bool:
     return source.endswith((*SUFFIXES, ".json"))
 
 
-def _toml(fit: Any, name: str) -> str:
-    known = bool(fit.std.any())
-    title = f"{fit.name}: base parameters of robot {fit.robot} by {fit.method}. {fit.conclusion}"
-    lines = [f"# {one_line(text)}" for text in (title, *fit.warnings)]
+def _toml(arrays: Mapping[str, NDArray[Any]], comments: Sequence[str], name: str) -> str:
+    beta, stds, parameters = (arrays[key] for key in ("beta", "std", "parameters"))
+    known = bool(stds.any())
+    lines = [f"# {one_line(text)}" for text in comments]
     lines += ["# SI units, joint side.", f"[parameters.{toml_key(name)}]"]
-    percents = relative_percent(fit.std, fit.beta)
-    values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
+    texts = (arrays[key] for key in ("names", "units", "roles"))
+    values = zip(*texts, beta, stds, relative_percent(stds, beta), strict=True)
     # A consistent result writes all standard parameters; the base parameters are then comments.
-    whole = bool(np.count_nonzero(fit.parameters) > np.count_nonzero(fit.beta))
+    whole = bool(np.count_nonzero(parameters) > np.count_nonzero(beta))
     mark = "# " if whole else ""
     for parameter, unit, role, value, std, percent in values:
         sigma = f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
@@ -129,25 +139,9 @@ def _toml(fit: Any, name: str) -> str:
             f"{mark}{toml_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
         )
     if whole:
-        standard = zip(fit.parameter_names, fit.parameters, strict=True)
+        standard = zip(arrays["parameter_names"], parameters, strict=True)
         lines += [f"{toml_key(parameter)} = {float(value)!r}" for parameter, value in standard]
     return "\n".join(lines) + "\n"
-
-
-def _npz(fit: Any) -> bytes:
-    content = io.BytesIO()
-    np.savez(
-        content,
-        names=np.array(fit.names),
-        units=np.array(fit.units),
-        roles=np.array(fit.roles),
-        beta=fit.beta,
-        std=fit.std,
-        covariance=fit.covariance,
-        parameter_names=np.array(fit.parameter_names),
-        parameters=fit.parameters,
-    )
-    return content.getvalue()
 
 
 def _set(path: Path) -> tuple[dict[str, float], str]:
