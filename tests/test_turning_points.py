@@ -201,7 +201,7 @@ def test_a_cause_leaves_a_robot(before: float, after: float, refused: str) -> No
         consistent=lambda robot, w, y: np.full((1, 4), np.sqrt(0.01 * np.exp(after) / 4.0)),
     )
     search = Search(rows)
-    search._torn, search._held = (), plain * np.exp(before)
+    search._torn, search._held = [], plain * np.exp(before)
     search._columns[GAIN] = (np.zeros((1, 4, 1)), (), stub(seen=lambda order, factors: plain))
     assert search._decided(trial(GAIN, -2.0)).refused == refused
 
