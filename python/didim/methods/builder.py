@@ -37,7 +37,7 @@ from ..signal.noise import encoder_step
 from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
 from .method import Described
-from .rounding import rounding_shift
+from .position_errors import position_shift
 from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
 
 CLEAR_MASS = 3.0
@@ -212,7 +212,7 @@ def _split(
             uncertainty,
             std_white=uncertainty.std_white[:b],
             deletions=uncertainty.deletions[:, :b],
-            rounding=uncertainty.rounding[:b],
+            positions=uncertainty.positions[:b],
             single_block={key: value for key, value in uncertainty.single_block.items() if key in names},
         )
     used = {recording.payload for recording in job.experiment.recordings}
@@ -281,7 +281,7 @@ def _encoder_steps(run: Run, parts: Sequence[Segment]) -> dict[int, Array]:
 def _with_model_errors(
     run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], spread: Spread
 ) -> Spread:
-    """Return a spread with the shifts by missing friction and encoder steps, and the friction of parameters that exchange."""
+    """Return a spread with the shifts by missing friction and errors of positions, and the friction of parameters that exchange."""
     job, steps = run.job, _encoder_steps(run, parts)
     x = job.parameters.lift(job.selection.expand(fit.solution))
     standard = [job.parameters.standard(x, part.recording) for part in parts]
@@ -292,7 +292,8 @@ def _with_model_errors(
     errors = sampling_errors(job.robot, parts, standard, load) if steps else []
     step = np.max(list(steps.values()), axis=0) if steps else None
     alarm = friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
-    spread = with_shifts(spread, alarm, rounding_shift(job, fit, parts, run.delay, steps), job.selection)
+    moved = position_shift(job, system, fit, parts, run.delay, steps)
+    spread = with_shifts(spread, alarm, moved, job.selection)
     return with_exchanges(spread, job.robot, parts, load, x, system.names)
 
 

@@ -190,20 +190,20 @@ def spread_of_factors(
     )
 
 
-def with_shifts(spread: Spread, alarm: FrictionAlarm, rounding: Array, selection: Selection) -> Spread:
-    """Return a spread that includes missing friction, what a choice of laws left open, and the steps of the encoders.
+def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Selection) -> Spread:
+    """Return a spread that includes missing friction, what a choice of laws left open, and errors of positions.
 
-    It is ``s^2 = s_jackknife^2 + alarm.shift^2 + rounding^2`` with unchanged correlations. Other kinds of uncertainty were
-    requested explicitly and do not change. `rounding` are the changes of the estimated parameters, (n_estimated,).
+    It is ``s^2 = s_jackknife^2 + alarm.shift^2 + positions^2`` with unchanged correlations. Other kinds of uncertainty were
+    requested explicitly and do not change. `positions` are the changes of the estimated parameters, (n_estimated,).
     """
     if spread.uncertainty is None:
         return spread
     shifts = np.zeros((2, len(selection.roles)))
-    shifts[:, selection.estimated] = alarm.shift, rounding
-    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shifts[0]), rounding=shifts[1])
+    shifts[:, selection.estimated] = alarm.shift, positions
+    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shifts[0]), positions=shifts[1])
     if uncertainty.kind != "jackknife" or not shifts.any():
         return replace(spread, uncertainty=uncertainty)
-    variances = np.diag(spread.covariance) + alarm.shift**2 + rounding**2
+    variances = np.diag(spread.covariance) + alarm.shift**2 + positions**2
     return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))
 
 

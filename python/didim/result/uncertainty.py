@@ -21,9 +21,9 @@ Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 correlation of a closed-loop output-error method's errors, or draws of the estimate with its standard deviations, each projected
 to the nearest robot."""
 
-CLEAR_ROUNDING = 1.0
-"""Shift by the steps of the encoders, in standard deviations of the noise, from which a printed result mentions it: the noise
-then is no longer the larger error."""
+CLEAR_POSITIONS = 1.0
+"""Shift by noise and steps of the positions, in standard deviations without it, from which a printed result mentions it: these
+are no longer the larger error."""
 
 LAWS = {
     "stribeck": "Stribeck friction",
@@ -83,9 +83,9 @@ class Uncertainty(Pickled):
     friction : FrictionAlarm or None
         Whether the residual contains friction that the model lacks; the standard deviations then include the resulting shift.
         None if not tested.
-    rounding : ndarray, shape (b,)
-        Change of each parameter, in its unit, by the steps of the encoders, which the standard deviations of the jackknife include;
-        empty if not tested, zero where no steps are seen.
+    positions : ndarray, shape (b,)
+        Change of each parameter, in its unit, by noise and steps of the measured positions, which the standard deviations of the
+        jackknife include; empty if not tested, zero along simulated motion.
     exchanges : tuple of Exchange
         Friction at speeds inside the log, at joints where the parameters of a law exchange or its velocity is unknown.
     """
@@ -98,11 +98,11 @@ class Uncertainty(Pickled):
     deletions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     single_block: Mapping[str, int] = field(default_factory=dict)
     friction: FrictionAlarm | None = None
-    rounding: Array = field(default_factory=lambda: np.zeros(0))
+    positions: Array = field(default_factory=lambda: np.zeros(0))
     exchanges: tuple[Exchange, ...] = ()
 
     def __post_init__(self) -> None:
-        make_read_only(self, ("std_white", "joint_std", "deletions", "rounding"), ("single_block",))
+        make_read_only(self, ("std_white", "joint_std", "deletions", "positions"), ("single_block",))
 
     def factor(self, level: float) -> float:
         """Half the width of an interval in standard deviations: Student's quantile.
@@ -115,14 +115,14 @@ class Uncertainty(Pickled):
         return student_factor(level, self.degrees_of_freedom)
 
     def without_shift(self, std: Array) -> Array:
-        """Return standard deviations, shape (b,), of the noise alone, without the shifts by missing friction and encoder steps.
+        """Return standard deviations, shape (b,), without the shifts by missing friction and errors of positions.
 
         ``test_uncertainty.py`` compares parts of a real log with them.
         """
         if self.kind != "jackknife":
             return std
         squares = np.square(std)
-        for shift in (self.rounding, np.zeros(0) if self.friction is None else self.friction.shift):
+        for shift in (self.positions, np.zeros(0) if self.friction is None else self.friction.shift):
             squares[: len(shift)] -= np.square(shift[: len(squares)])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
@@ -139,17 +139,17 @@ class Uncertainty(Pickled):
             lines.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )
-        return [*lines, *self._rounding_lines(std), *self._friction_lines(std), *self.exchange_lines()]
+        return [*lines, *self._position_lines(std), *self._friction_lines(std), *self.exchange_lines()]
 
-    def _rounding_lines(self, std: Array) -> list[str]:
-        noise = self.without_shift(std)[: len(self.rounding)]
-        moved = quotient(np.abs(self.rounding[: len(noise)]), noise)
-        if moved.max(initial=0.0) < CLEAR_ROUNDING:
+    def _position_lines(self, std: Array) -> list[str]:
+        noise = self.without_shift(std)[: len(self.positions)]
+        moved = quotient(np.abs(self.positions[: len(noise)]), noise)
+        if moved.max(initial=0.0) < CLEAR_POSITIONS:
             return []
         included = "sigma includes this" if self.kind == "jackknife" else "sigma does not include this"
         return [
-            f"the steps of the encoders move parameters by up to {moved.max():.2g} sigma of the noise, less with a lower cut-off; "
-            + included
+            f"noise and steps of the positions move parameters by up to {moved.max():.2g} sigma of the noise, less "
+            f"with a lower cut-off; {included}"
         ]
 
     def _friction_lines(self, std: Array) -> list[str]:

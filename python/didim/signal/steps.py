@@ -5,7 +5,7 @@ A rounded position says that the joint is within half a step of it, and the moti
     q' = low pass of q, where it is within half a step of q;  q -+ half a step elsewhere
 
 The low pass is the lowest of three that stays as near the readings as the highest of them does, which shows their noise: that
-of rounding is step / sqrt(12). Motion that rounding is no noise of stays as it is. Tested in ``tests/test_rounding.py``.
+of rounding is step / sqrt(12). Motion that rounding is no noise of stays as it is. Tested in ``tests/test_position_errors.py``.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def between_steps(q: Array, rate_hz: float, signal: SignalProcessing, step: Arra
 
     Notes
     -----
-    ``test_rounding.py`` compares with the motion before its rounding, also where a low pass would lose it.
+    ``test_position_errors.py`` compares with the motion before its rounding, also where a low pass would lose it.
     """
     if signal.cutoff_hz is None or signal.ends == "first-order" or not step.any():
         return q

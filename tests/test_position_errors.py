@@ -1,4 +1,4 @@
-"""Steps of encoders: the motion between them, how far they move an estimate, and the intervals that include it."""
+"""Noise and steps of positions: the motion between steps, how far both move an estimate, and the intervals that include it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import didim
 from didim.experiment.experiment import Experiment
 from didim.result.identification import Identification
 from didim.signal.steps import between_steps
-from friction_logs import coulomb, logged, robot, stribeck, truth
+from friction_logs import coulomb, logged, robot, stribeck, subject, truth
+from simulated import closed_loop_log
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
 
@@ -26,9 +27,14 @@ def fits_of(arm: str, counts: int) -> list[Identification]:
     ]
 
 
-def rounding(fit: Identification) -> np.ndarray:
+def shift(fit: Identification) -> np.ndarray:
     assert fit.uncertainty is not None
-    return fit.uncertainty.rounding
+    return fit.uncertainty.positions
+
+
+def negligible(fit: Identification) -> bool:
+    """Whether the shift is that of the noise of numbers: 1e-9 of a motion without any."""
+    return bool(np.all(np.abs(shift(fit)) < 1e-6 * fit.std))
 
 
 def noisy() -> Experiment:
@@ -77,9 +83,9 @@ def test_coarse_encoders_keep_estimates_and_intervals(arm: str, monkeypatch: pyt
     for fit, error in zip(fits, errors, strict=True):
         assert fit.uncertainty is not None
         noise = fit.uncertainty.without_shift(fit.std)
-        np.testing.assert_allclose(fit.std**2, noise**2 + rounding(fit) ** 2, rtol=1e-10)
+        np.testing.assert_allclose(fit.std**2, noise**2 + shift(fit) ** 2, rtol=1e-10)
         inside.append(np.abs(error) <= fit.uncertainty.factor(0.95) * fit.std)
-        assert "steps of the encoders" not in str(fit)
+        assert "steps of the positions" not in str(fit)
     assert np.mean(inside) > 0.9
     monkeypatch.setattr("didim.signal.segments.between_steps", lambda q, *more: q)
     before = np.array([fit.beta - truth(arm) for fit in fits_of(arm, 4096)])
@@ -99,12 +105,12 @@ def test_fine_encoders_keep_their_intervals() -> None:
     for fit in fits_of("planar2", 2**16):
         assert fit.uncertainty is not None
         noise = fit.uncertainty.without_shift(fit.std)
-        assert 0.0 < np.median(np.abs(rounding(fit)) / noise) < 0.2
+        assert 0.0 < np.median(np.abs(shift(fit)) / noise) < 0.2
         error = np.abs(fit.beta - truth("planar2"))
         inside.append(error <= fit.uncertainty.factor(0.95) * fit.std)
-        assert "steps of the encoders" not in str(fit)
+        assert "steps of the positions" not in str(fit)
     assert np.mean(inside) > 0.9
-    assert not rounding(didim.identify(logged(robot(), coulomb, 1000), "idim-ls")).any()
+    assert negligible(didim.identify(logged(robot(), coulomb, 1000), "idim-ls"))
 
 
 def test_intervals_include_what_noisy_readings_move() -> None:
@@ -114,9 +120,29 @@ def test_intervals_include_what_noisy_readings_move() -> None:
     error = fit.beta - truth()
     assert np.mean(np.abs(error) <= factor * noise) < 0.9 < 0.95 < np.mean(np.abs(error) <= factor * fit.std)
     assert (
-        np.corrcoef(error / noise, rounding(fit) / noise)[0, 1] > 0.8
+        np.corrcoef(error / noise, shift(fit) / noise)[0, 1] > 0.8
     )  # the shift is that of this log, with its sign
-    assert "the steps of the encoders move parameters by up to" in str(fit)
+    assert "noise and steps of the positions move parameters by up to" in str(fit)
+
+
+@pytest.mark.parametrize("measured", [False, True], ids=["positions", "velocities"])
+def test_intervals_include_the_bias_of_noisy_columns(measured: bool) -> None:
+    """Noise of positions or of measured velocities shortens inertias in every stretch alike, in this log with its sign."""
+    log = logged(robot(), coulomb, 1000)
+    (recording,) = log.recordings
+    rng = np.random.default_rng(1)
+    if measured:
+        velocity = np.gradient(recording.q, axis=0) * recording.rate_hz
+        noisy = replace(recording, dq=velocity + 0.05 * rng.standard_normal(velocity.shape))
+    else:
+        noisy = replace(recording, q=recording.q + 5e-4 * rng.standard_normal(recording.q.shape))
+    fit = didim.identify(replace(log, recordings=(noisy,)), "idim-ls")
+    assert fit.uncertainty is not None
+    noise, error = fit.uncertainty.without_shift(fit.std), fit.beta - truth()
+    assert np.corrcoef(error / noise, shift(fit) / noise)[0, 1] > 0.9
+    factor = fit.uncertainty.factor(0.95)
+    assert np.mean(np.abs(error) <= factor * noise) < 0.85 < 0.9 < np.mean(np.abs(error) <= factor * fit.std)
+    assert "noise and steps of the positions move parameters by up to" in str(fit)
 
 
 def test_measured_velocities_and_simulated_motion_have_no_steps() -> None:
@@ -124,7 +150,9 @@ def test_measured_velocities_and_simulated_motion_have_no_steps() -> None:
     (recording,) = log.recordings
     velocity = np.gradient(logged(robot(), coulomb, 1000).recordings[0].q, axis=0) * recording.rate_hz
     measured: Experiment = replace(log, recordings=(replace(recording, dq=velocity),))
-    assert not rounding(didim.identify(measured, "idim-ls")).any()
+    assert negligible(didim.identify(measured, "idim-ls"))
+    simulated = closed_loop_log(subject().robot, subject().x, duration_s=4.0)
+    assert not shift(didim.identify(simulated, "didim")).any()
 
 
 def test_windows_delays_and_other_uncertainties(tmp_path: Path) -> None:
@@ -132,12 +160,12 @@ def test_windows_delays_and_other_uncertainties(tmp_path: Path) -> None:
     (recording,) = log.recordings
     windows = replace(recording, windows=((0, 2400), (2500, 5000)))
     fit = didim.identify(replace(log, recordings=(windows,)), didim.IDIMLS(compensate_samples=(0.4, 1.3)))
-    assert rounding(fit).all()
+    assert shift(fit).all()
     fit.save(tmp_path / "fit.json")
-    assert np.array_equal(rounding(Identification.load(tmp_path / "fit.json")), rounding(fit))
+    assert np.array_equal(shift(Identification.load(tmp_path / "fit.json")), shift(fit))
 
     white = didim.identify(noisy(), didim.IDIMLS(uncertainty="white"))
     assert white.uncertainty is not None
-    assert rounding(white).any()
+    assert shift(white).any()
     np.testing.assert_array_equal(white.std, white.uncertainty.without_shift(white.std))
     assert "sigma does not include this" in str(white)
