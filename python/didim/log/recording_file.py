@@ -242,7 +242,7 @@ def _check_counts(name: str, values: Mapping[str, Array], sources: Mapping[str, 
 
 @dataclass(frozen=True)
 class _Clock:
-    """Times of the samples: time stamps (s) or None for even ones, the rate (Hz), and windows between gaps."""
+    """Time stamps of the samples (s), None for even ones, their rate (Hz), and windows between gaps."""
 
     t: Array | None
     rate_hz: float | None

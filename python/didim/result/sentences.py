@@ -185,9 +185,9 @@ LAWS = {
 
 def _friction(f: Finding) -> str:
     facts = f.facts
-    included = "intervals include it" if facts["included"] else "intervals too narrow by it"
+    included = "intervals include it" if facts["included"] else "intervals are too narrow"
     return (
-        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move up to "
+        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
         f"{two_digits(f.effect)} sigma of noise; {included}"
     )
 

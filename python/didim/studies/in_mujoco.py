@@ -334,7 +334,7 @@ def replayed(
         if own.any():
             tau = kp * (target[k] - data.qpos[places]) - kv * data.qvel[speeds]
             # `numpy.clip` takes longer than a step.
-            data.qfrc_applied[speeds] = own * np.minimum(np.maximum(tau, -limit), limit)
+            data.qfrc_applied[speeds] = np.where(own, np.minimum(np.maximum(tau, -limit), limit), 0.0)
         mujoco.mj_step(model, data, end - k)
         if end % steps == 0:
             replay[end // steps] = data.qpos[places] + bias
