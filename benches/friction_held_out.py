@@ -40,6 +40,11 @@ from didim.result.iteration import Reporter
 from didim.signal.noise import encoder_step
 from didim.signal.processing import SignalProcessing
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from test_springs import COLUMNS, moving
+from test_springs import kr300 as kr300_robot
+
 Array = NDArray[np.float64]
 UR10E_GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
 """Drive gains of the UR10e by its publishers (N.m/A)."""
@@ -169,20 +174,18 @@ def tiago(data: Path) -> didim.Experiment:
 
 
 def kr300(data: Path) -> didim.Experiment:
-    """Return both recordings of the KR300 on the geometry of another KUKA."""
+    """Return both recordings of the KR300 where it moves."""
     from scipy.io import loadmat
 
     logs = [data / f"kr300/{run}.mat" for run in "AB"]
-    ratios = np.diag(loadmat(logs[0])["para"][0, 0]["u"].ravel()).tolist()
-    columns = ("position=rec.act_pos_mot_deg", "torque=rec.act_torque_abs_nm", "time=rec.time_cont")
-    options = [word for text in columns for word in ("--columns", text)]
-    options += ["--side", "position=joint", "--side", "torque=motor"]
+    ratios = loadmat(logs[0])["para"][0, 0]["u"].ravel()
+    options = [word for signal, name in COLUMNS.items() for word in ("--columns", f"{signal}=rec.{name}")]
+    for side in ("position=joint", "reference=joint", "torque=motor"):
+        options += ["--side", side]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "kuka.toml"
-        didim_command(["robot", "kr16", "-o", str(path)])
-        gears = "\n".join(f"{row}," for row in ratios)
-        path.write_text(f"{path.read_text()}\n[transmission]\nreduction = [\n{gears}\n]\n", encoding="utf-8")
-        return initialised(str(path), logs, options)
+        both = initialised(str(kr300_robot(Path(folder), ratios, "")), logs, options)
+    parts = [moving(replace(both, recordings=(one,))).recordings[0] for one in both.recordings]
+    return replace(both, recordings=tuple(parts))
 
 
 Terms = Literal["plain", "auto, laws of the first", "auto, laws of all", "auto, own laws"]

@@ -181,6 +181,30 @@ def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:
     assert any("% of the torques, which is more than friction" in remark for remark in fit.remarks)
 
 
+def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block() -> None:
+    robot = planar(dead_zone=0.02)
+    x = parameters(robot)
+    job = didim.IDIMLS().job(log(robot, x))
+    q, dq, ddq = motion()
+    still = np.arange(len(q)) > len(q) // 5  # the second joint moves in the first block only
+    q[still, 1], dq[still, 1], ddq[still, 1] = 0.0, 0.0, 0.0
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    tau += 0.01 * np.random.default_rng(0).standard_normal(tau.shape)
+    part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
+    choice = choose_terms(
+        job.robot,
+        [part],
+        job.signal,
+        ({}, ()),
+        lambda system: (solve(system, job.settings).solution, solve(system, job.settings).weights),
+    )
+    assert choice.refused == "extrapolation"
+    assert choice.friction.terms == ()
+    assert not choice.friction.auto
+    (remark,) = FoundFriction(velocities=(), choice=choice).remarks()
+    assert "far more than the fit: the rest determines too little" in remark
+
+
 @pytest.mark.usefixtures("without_alarm")
 def test_the_width_of_memory_is_estimated_with_its_deviation() -> None:
     term = FrictionTerm(law="dahl", joint=0, velocity=0.02)

@@ -17,12 +17,18 @@ from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.friction.candidates import LEAST_WARMING
-from ..regression.friction.choice import LARGEST_MISFIT, FrictionChoice, choose_terms
+from ..regression.friction.choice import FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
 from ..signal.noise import encoder_step
 from .method import Method, MethodSettings
+
+REFUSED = {
+    "misfit": "held-out blocks miss {:.0f} % of the torques, which is more than friction",
+    "extrapolation": "held-out blocks miss {:.0f} % of the torques, far more than the fit: the rest determines too little",
+}
+"""Why no terms were tried, with the error of the blocks in %."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +72,8 @@ class FoundFriction:
                 f"held-out blocks support the friction terms {series(terms, 60)} (% of the squared error without each); "
                 f"it falls from {before:.2f} to {after:.2f} %"
                 if terms
-                else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, which is more than friction"
-                if self.choice.held_out_before > LARGEST_MISFIT
+                else f"no friction term was chosen: {REFUSED[self.choice.refused].format(before)}"
+                if self.choice.refused
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
             if narrowest := self.choice.without_memory:

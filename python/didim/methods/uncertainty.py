@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .._tools.words import counted
@@ -162,7 +163,7 @@ def spread_of_factors(
     every = factors.jackknife(left_out)
     chosen = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
     decisive = chosen.decisive
-    variances = np.where(decisive < 0, np.diag(chosen.covariance), np.diag(covariance))
+    variances = _with_single_blocks(np.diag(chosen.covariance), np.diag(covariance), decisive)
     m = len(parts)
     remarks = []
     if m < settings.blocks:
@@ -188,6 +189,13 @@ def spread_of_factors(
         tuple(remarks),
         every.covariance,
     )
+
+
+def _with_single_blocks(several: Array, noise: Array, decisive: NDArray[np.intp]) -> Array:
+    """Return variances of the jackknife, and those of noise, enlarged by the median ratio of both, where one block decides."""
+    known = (decisive < 0) & (noise > 0.0)
+    usual = max(1.0, float(np.median(several[known] / noise[known]))) if known.any() else 1.0
+    return np.where(decisive < 0, several, usual * noise)
 
 
 def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Selection) -> Spread:
