@@ -7,7 +7,7 @@ each with its own steps, because neither torque nor motion of one depends on the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -36,15 +36,15 @@ SIGN_STEP = 2e-4
 NEAR_ZERO = 10.0
 """Bound of a velocity near zero, as a multiple of the smoothing velocity of friction, where the reference gives the speed."""
 NEAR_ZERO_MEASURED = 5.0
-"""Bound of a velocity near zero, as a multiple of the smoothing velocity of friction, where the measured motion gives the
-speed."""
+"""The same where the measured motion gives the speed."""
 MOST_RECORDS = 20_000_000
-"""Largest number of recorded values per quantity, and of events of a run: more would exhaust memory, and indicate a wrong rate
-or step."""
+"""Largest number of recorded values per quantity, and of events of a run: more indicate a wrong rate or step."""
 FINEST = 1e-4
 """Smallest fine step as a share of the step: a run only reacts (to Ctrl-C, for example) between two steps."""
 INTEGRATORS = ("rk4", "imex")
 """Integration methods: classical Runge-Kutta, and one that treats the steep part of friction implicitly."""
+SIGNALS = ("q", "dq", "ddq", "tau")
+"""Signals of a run: positions, velocities, accelerations and torques."""
 DIVERGENCE = 100.0
 """Tracking error (rad or m) from which a simulation counts as diverged."""
 
@@ -132,7 +132,9 @@ class ClosedLoop:
         """Time steps of the whole robot."""
         robot, controller = self.robot, self.controller
         _check_steps(self.steps, controller.core.period, (self.n_records - 1) / self.rate_hz)
-        near = (NEAR_ZERO if self.motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
+        near = NEAR_ZERO if self.motion is None else NEAR_ZERO_MEASURED
+        if robot.friction.coulomb != "tanh":
+            near = 0.0
         with CoreErrorsAs(SimulationError):
             schedule = _core.Schedule(
                 robot.core,
@@ -219,7 +221,7 @@ class ClosedLoop:
         if integrator == "imex":
             _check_friction(robot)
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
-        coarse = step if step is not None else (STEP if _smooth(robot) else SIGN_STEP)
+        coarse = step if step is not None else (STEP if robot.friction.coulomb == "tanh" else SIGN_STEP)
         fine = np.atleast_1d(fine_step if fine_step is not None else _fine(coarse, integrator))
         if fine.shape not in ((1,), (n,)):
             raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
@@ -260,11 +262,14 @@ class ClosedLoop:
         return self
 
     def run(
-        self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None
+        self,
+        x: Array,
+        *,
+        gain_scale: Array | None = None,
+        threads: int | None = None,
+        signals: Collection[str] = SIGNALS,
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
-        """Trajectories ``q dq ddq tau`` of candidates, each (n_candidates, n_records, n_dof), and their outcomes.
-
-        They are NaN from an early end on.
+        """Trajectories of candidates, each (n_candidates, n_records, n_dof) and NaN from an early end on, and their outcomes.
 
         Parameters
         ----------
@@ -274,13 +279,16 @@ class ClosedLoop:
             Factor of the controller's gains (gain updating).
         threads : int, optional
             All cores by default; the bits do not depend on it.
+        signals : collection of str
+            Those of `SIGNALS` that are returned, in their order.
         """
         scale = self._scale_of(x, gain_scale, threads)
         if self.limbs:
-            arrays, outcomes = self._run_limbs(x, scale, threads)
+            arrays, outcomes = self._run_limbs(x, scale, threads, signals)
         else:
+            wanted = [name in signals for name in SIGNALS]
             with CoreErrorsAs(SimulationError):
-                arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
+                arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads), wanted)
             outcomes = outcomes_of(endings)
         for candidate, outcome in enumerate(outcomes):
             if outcome.time_s is not None:
@@ -288,15 +296,16 @@ class ClosedLoop:
                 ended = self.t >= outcome.time_s - 1e-6 / self.rate_hz
                 for values in arrays:
                     values[candidate, ended] = np.nan
-        return list(arrays), outcomes
+        return arrays, outcomes
 
     def _run_limbs(
-        self, x: Array, scale: Array, threads: int | None
+        self, x: Array, scale: Array, threads: int | None, signals: Collection[str]
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
-        arrays = [np.empty((len(x), self.n_records, self.robot.n_dof)) for _ in range(4)]
+        arrays = [np.empty((len(x), self.n_records, self.robot.n_dof)) for _ in signals]
         endings = []
         for joints, own, loop in self._limbs(x):
-            parts, outcomes = loop.run(own, gain_scale=scale[:, joints].copy(), threads=threads)
+            gains = scale[:, joints].copy()
+            parts, outcomes = loop.run(own, gain_scale=gains, threads=threads, signals=signals)
             for values, part in zip(arrays, parts, strict=True):
                 values[..., joints] = part
             endings.append([outcome.of_limb(joints) for outcome in outcomes])
@@ -409,7 +418,7 @@ def _check_friction(robot: Robot) -> None:
     """Refuse friction that "imex" does not support, with a better message than the core's."""
     friction = robot.friction
     what = f"integrator 'imex' is not for robot {robot.name!r}: it takes"
-    if not _smooth(robot) or min(friction.smoothing) <= 0.0:
+    if friction.coulomb != "tanh" or min(friction.smoothing) <= 0.0:
         raise SimulationError(f"{what} friction as tanh at every joint (coulomb = 'tanh')")
     if any(zone > 0.0 for zone in friction.dead_zone):
         raise SimulationError(f"{what} no dead zone of friction")
@@ -423,10 +432,6 @@ def _check_friction(robot: Robot) -> None:
         raise SimulationError(
             f"{what} coupled motors that rub with the speed of their shafts alone (coupling = 'shaft')"
         )
-
-
-def _smooth(robot: Robot) -> bool:
-    return robot.friction.coulomb == "tanh"
 
 
 def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:

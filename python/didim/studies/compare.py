@@ -234,8 +234,8 @@ def torque_errors(log: Experiment, parameters: Mapping[str, Array]) -> dict[str,
     (recording,) = log.recordings
     if recording.tau is None:
         return {}
-    arrays, _ = closed_loop(log, recording).run(np.stack(list(parameters.values())))
+    (tau,), _ = closed_loop(log, recording).run(np.stack(list(parameters.values())), signals=("tau",))
     sizes = np.linalg.norm(recording.tau, axis=0)
-    errors = np.linalg.norm(arrays[3] - recording.tau, axis=1)
+    errors = np.linalg.norm(tau - recording.tau, axis=1)
     shares = quotient(errors, sizes, np.nan)
     return dict(zip(parameters, shares, strict=True))

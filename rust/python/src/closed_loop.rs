@@ -254,38 +254,43 @@ pub(super) fn ending(outcome: Outcome) -> Ending {
     }
 }
 
-/// Positions, velocities, accelerations and torques, `(m, n_records, n_dof)` each, and how each run ended.
-type Runs<'py> = ([Bound<'py, PyArray3<f64>>; 4], Vec<Ending>);
+/// Some of positions, velocities, accelerations and torques, `(m, n_records, n_dof)` each, and how each run ended.
+type Runs<'py> = (Vec<Bound<'py, PyArray3<f64>>>, Vec<Ending>);
 
-/// Runs candidates `x`, `(m, n_parameters)`, with gains scaled by `scale`, `(m, n_dof)`.
+/// Runs candidates `x`, `(m, n_parameters)`, with gains scaled by `scale`, `(m, n_dof)`; `wanted` says which signals are recorded.
 #[pyfunction]
-#[pyo3(signature = (setting, x, scale, threads=None))]
+#[pyo3(signature = (setting, x, scale, threads=None, wanted=[true; 4]))]
 pub(super) fn simulate<'py>(
     py: Python<'py>,
     setting: Setting<'py>,
     x: Input<'py>,
     scale: Input<'py>,
     threads: Option<usize>,
+    wanted: [bool; 4],
 ) -> PyResult<Runs<'py>> {
     let n = setting.robot.get().0.n_dof();
     let records = setting.schedule.get().0.records();
-    let groups = run(py, setting, &x, &scale, None, threads, |lanes| Trajectories::new(lanes, records, n))?;
+    let observer = |lanes| Trajectories::of(wanted, lanes, records, n);
+    let groups = run(py, setting, &x, &scale, None, threads, observer)?;
     let m = x.as_array().nrows();
-    let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(m * records * n));
+    let mut out = wanted.map(|wanted| wanted.then(|| Vec::with_capacity(m * records * n)));
     let mut endings = Vec::with_capacity(m);
     for (outcomes, trajectories) in groups {
         for (outcome, mut lane) in outcomes.into_iter().zip(trajectories.lanes) {
             endings.push(ending(outcome));
             let Trajectory { q, dq, ddq, tau } = &mut lane;
             for (out, values) in out.iter_mut().zip([q, dq, ddq, tau]) {
-                // Records that a run did not reach are not numbers.
-                values.resize(records * n, f64::NAN);
-                out.append(values);
+                if let Some(out) = out {
+                    // Records that a run did not reach are not numbers.
+                    values.resize(records * n, f64::NAN);
+                    out.append(values);
+                }
             }
         }
     }
-    let [q, dq, ddq, tau] = out.map(|values| PyArray1::from_vec(py, values).reshape([m, records, n]));
-    Ok(([q?, dq?, ddq?, tau?], endings))
+    let arrays =
+        out.into_iter().flatten().map(|values| PyArray1::from_vec(py, values).reshape([m, records, n]));
+    Ok((arrays.collect::<PyResult<_>>()?, endings))
 }
 
 /// Sums of squared errors of the same runs against `q` and `tau`, `(n_records, n_dof)`, weighted per joint; memory does not grow

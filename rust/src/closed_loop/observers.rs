@@ -28,7 +28,9 @@ pub trait Observer: Send {
 /// Whole trajectories of the lanes, each `(records, n)` row-major.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectories {
-    /// Per lane.
+    /// Whether positions, velocities, accelerations and torques are recorded.
+    wanted: [bool; 4],
+    /// Per lane; what is not wanted is empty.
     pub lanes: Vec<Trajectory>,
 }
 
@@ -48,22 +50,31 @@ pub struct Trajectory {
 impl Trajectories {
     /// Memory for `lanes` trajectories.
     pub fn new(lanes: usize, records: usize, n: usize) -> Self {
-        let empty = || Vec::with_capacity(records * n);
-        let one = || Trajectory { q: empty(), dq: empty(), ddq: empty(), tau: empty() };
-        Self { lanes: (0..lanes).map(|_| one()).collect() }
+        Self::of([true; 4], lanes, records, n)
+    }
+
+    /// The same for some of positions, velocities, accelerations and torques.
+    pub fn of(wanted: [bool; 4], lanes: usize, records: usize, n: usize) -> Self {
+        let one = || {
+            let [q, dq, ddq, tau] =
+                wanted.map(|wanted| Vec::with_capacity(if wanted { records * n } else { 0 }));
+            Trajectory { q, dq, ddq, tau }
+        };
+        Self { wanted, lanes: (0..lanes).map(|_| one()).collect() }
     }
 }
 
 impl Observer for Trajectories {
     fn record(&mut self, _k: usize, record: &Record<'_>) {
         for (l, lane) in self.lanes.iter_mut().skip(record.first).take(record.lanes).enumerate() {
-            for (out, values) in [
+            let all = [
                 (&mut lane.q, record.q),
                 (&mut lane.dq, record.dq),
                 (&mut lane.ddq, record.ddq),
                 (&mut lane.tau, record.tau),
-            ] {
-                out.extend(values.iter().skip(l).step_by(record.lanes));
+            ];
+            for ((out, values), _) in all.into_iter().zip(self.wanted).filter(|(_, wanted)| *wanted) {
+                out.extend(values.chunks_exact(record.lanes).map(|joint| joint[l]));
             }
         }
     }
@@ -79,7 +90,7 @@ pub struct Positions {
 impl Observer for Positions {
     fn record(&mut self, _k: usize, record: &Record<'_>) {
         for (l, lane) in self.lanes.iter_mut().skip(record.first).take(record.lanes).enumerate() {
-            lane.extend(record.q.iter().skip(l).step_by(record.lanes));
+            lane.extend(record.q.chunks_exact(record.lanes).map(|joint| joint[l]));
         }
     }
 }

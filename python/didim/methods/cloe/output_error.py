@@ -128,16 +128,17 @@ class OutputError:
     def _errors(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         x = self.standard(points)
         rows, completed = [], np.ones(len(points), dtype=bool)
-        root_q, root_tau = np.sqrt(self.weight_q), np.sqrt(self.weight_tau)
+        weights = {"q": self.weight_q, "tau": self.weight_tau}
+        used = {name: np.sqrt(weight) for name, weight in weights.items() if weight.any()}
         for window in self.windows:
             own = self.base.standard(x, window.recording)
-            (q, _, _, tau), outcomes = window.loop.run(own, threads=self.method.threads)
+            simulated, outcomes = window.loop.run(own, threads=self.method.threads, signals=used)
             completed &= np.array([outcome.completed for outcome in outcomes])
-            if root_q.any():
-                rows.append(((q - window.q) * root_q).reshape(len(points), -1))
-            if root_tau.any():
-                rows.append(((tau - window.tau) * root_tau).reshape(len(points), -1))
-        return np.concatenate(rows, axis=1), completed
+            for errors, (name, root) in zip(simulated, used.items(), strict=True):
+                errors -= window.q if name == "q" else window.tau
+                errors *= root
+                rows.append(errors.reshape(len(points), -1))
+        return np.concatenate(rows, axis=1) if len(rows) > 1 else rows[0], completed
 
     def blocks(self) -> list[Block]:
         """Return the blocks of the rows: by output, window, sample and joint."""
