@@ -435,6 +435,9 @@ def test_limbs_are_simulated_apart(
             gain_scale=scale,
         )
         assert all(outcome.completed for outcome in outcomes)
+        positions, torques = fine.run(xs, gain_scale=scale, signals=("q", "tau"))[0]
+        assert np.array_equal(positions, arrays[0])
+        assert np.array_equal(torques, arrays[3])
         return arrays, costs
 
     apart, costs = found()
