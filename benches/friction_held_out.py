@@ -173,8 +173,8 @@ def tiago(data: Path) -> didim.Experiment:
     return initialised(str(data / "tiago/tiago_48_hey5.urdf"), files, [])
 
 
-def kr300(data: Path) -> didim.Experiment:
-    """Return both recordings of the KR300 where it moves."""
+def kr300(data: Path, whole: bool = False) -> didim.Experiment:
+    """Return both recordings of the KR300 where it moves, or whole."""
     from scipy.io import loadmat
 
     logs = [data / f"kr300/{run}.mat" for run in "AB"]
@@ -184,6 +184,8 @@ def kr300(data: Path) -> didim.Experiment:
         options += ["--side", side]
     with tempfile.TemporaryDirectory() as folder:
         both = initialised(str(kr300_robot(Path(folder), ratios, "")), logs, options)
+    if whole:
+        return both
     parts = [moving(replace(both, recordings=(one,))).recordings[0] for one in both.recordings]
     return replace(both, recordings=tuple(parts))
 

@@ -72,8 +72,10 @@ def logs(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
         "UR10, validation motion": lambda: alone(unisa(data, "ur10"), 1),
         "Panda": lambda: unisa(data, "panda"),
         "TIAGo": lambda: initialised(str(data / "tiago/tiago_48_hey5.urdf"), tiago, []),
-        "KR300, A": lambda: alone(kr300(data), 0),
-        "KR300, B": lambda: alone(kr300(data), 1),
+        "KR300, A": lambda: alone(kr300(data, whole=True), 0),
+        "KR300, B": lambda: alone(kr300(data, whole=True), 1),
+        "KR300, A where it moves": lambda: alone(kr300(data), 0),
+        "KR300, B where it moves": lambda: alone(kr300(data), 1),
         "Go2, legs by positions": lambda: quadruped(data / "go2"),
     }
 
