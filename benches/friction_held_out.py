@@ -42,7 +42,7 @@ from didim.signal.processing import SignalProcessing
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from test_springs import COLUMNS, moving
+from test_springs import OPTIONS, moving
 from test_springs import kr300 as kr300_robot
 
 Array = NDArray[np.float64]
@@ -179,11 +179,8 @@ def kr300(data: Path, whole: bool = False) -> didim.Experiment:
 
     logs = [data / f"kr300/{run}.mat" for run in "AB"]
     ratios = loadmat(logs[0])["para"][0, 0]["u"].ravel()
-    options = [word for signal, name in COLUMNS.items() for word in ("--columns", f"{signal}=rec.{name}")]
-    for side in ("position=joint", "reference=joint", "torque=motor"):
-        options += ["--side", side]
     with tempfile.TemporaryDirectory() as folder:
-        both = initialised(str(kr300_robot(Path(folder), ratios, "")), logs, options)
+        both = initialised(str(kr300_robot(Path(folder), ratios, "")), logs, OPTIONS)
     if whole:
         return both
     parts = [moving(replace(both, recordings=(one,))).recordings[0] for one in both.recordings]

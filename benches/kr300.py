@@ -22,7 +22,7 @@ from didim.robot.friction import FrictionTerm, Law
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from test_springs import COLUMNS, kr300, moving
+from test_springs import OPTIONS, kr300, moving
 
 SHOULDER = 1
 """Joint with the counterbalance, from 0."""
@@ -61,12 +61,9 @@ def main() -> int:
     logs = {}
     with tempfile.TemporaryDirectory() as folder:
         robot = kr300(Path(folder), ratios, "")
-        options = [word for key, name in COLUMNS.items() for word in ("--columns", f"{key}=rec.{name}")]
-        for side in ("position=joint", "reference=joint", "torque=motor"):
-            options += ["--side", side]
         for run in "AB":
             out = Path(folder) / f"{run}.toml"
-            if command(["init", str(robot), str(data / f"{run}.mat"), *options, "-o", str(out)]):
+            if command(["init", str(robot), str(data / f"{run}.mat"), *OPTIONS, "-o", str(out)]):
                 return 1
             logs[run] = didim.load_experiment(out)
     compare("plain, whole log", logs, ())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,7 @@ import didim
 import friction_logs
 from didim.errors import FitError
 from didim.methods.friction import FoundFriction
+from didim.methods.job import Job
 from didim.regression.block import stacked
 from didim.regression.friction.candidates import Candidate, joints_without_memory, narrowest_memory
 from didim.regression.friction.choice import FrictionChoice, choose_terms
@@ -26,6 +28,16 @@ from didim.robot.friction import FrictionTerm
 from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
+
+
+def solver(job: Job) -> Callable[[LinearSystem], tuple[np.ndarray, np.ndarray]]:
+    """Return the solver of a run: solution and weights of a system."""
+
+    def solved(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
+        fit = solve(system, job.settings)
+        return fit.solution, fit.weights
+
+    return solved
 
 
 def test_the_terms_of_a_log_are_found_and_no_others() -> None:
@@ -70,10 +82,7 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     job = didim.IDIMLS().job(replace(log(robot, x), robot=planar(dead_zone=0.05)))
     part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
 
-    def solved(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
-        fit = solve(system, job.settings)
-        return fit.solution, fit.weights
-
+    solved = solver(job)
     choice = choose_terms(job.robot, [part], job.signal, ({}, ()), solved)
     found = {term.parameter: term for term in choice.friction.terms}
     assert {"Hold1", "Fz2"} <= set(found)
@@ -191,18 +200,12 @@ def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block(
     tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
     tau += 0.01 * np.random.default_rng(0).standard_normal(tau.shape)
     part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
-    choice = choose_terms(
-        job.robot,
-        [part],
-        job.signal,
-        ({}, ()),
-        lambda system: (solve(system, job.settings).solution, solve(system, job.settings).weights),
-    )
+    choice = choose_terms(job.robot, [part], job.signal, ({}, ()), solver(job))
     assert choice.refused == "extrapolation"
     assert choice.friction.terms == ()
     assert not choice.friction.auto
     (remark,) = FoundFriction(velocities=(), choice=choice).remarks()
-    assert "far more than the fit: the rest determines too little" in remark
+    assert "far more than the fit: the rest of the log does not determine them" in remark
 
 
 @pytest.mark.usefixtures("without_alarm")
@@ -334,10 +337,7 @@ def held_out_error(experiment: didim.Experiment) -> float:
     """Error (%) of five contiguous parts of a log, each predicted from the others, with five rows of gap."""
     job = didim.IDIMLS().job(experiment)
 
-    def solved(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
-        fit = solve(system, job.settings)
-        return fit.solution, fit.weights
-
+    solved = solver(job)
     parts = job.parts("fit", job.delay())
     system = settled(job.robot, parts, job.signal, (dict(job.fixed), job.dropped), solved).system
     scale = solved(system)[1]

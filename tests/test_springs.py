@@ -31,6 +31,11 @@ COLUMNS = {
     "reference": "ref_pos_deg",
 }
 """Columns of the logs of a KR 300."""
+OPTIONS = [
+    *(word for signal, name in COLUMNS.items() for word in ("--columns", f"{signal}=rec.{name}")),
+    *(word for side in ("position=joint", "reference=joint", "torque=motor") for word in ("--side", side)),
+]
+"""Options of `didim init` for these logs."""
 ROOT = Path(__file__).parent.parent
 GEOMETRY = (0.6, 0.25, 0.35, 0.35)
 SPRINGS = (
@@ -272,15 +277,10 @@ def test_a_spring_on_axis_2_of_a_kuka_with_a_counterbalance(shared: Path, tmp_pa
     data = shared / "data" / "kr300"
     ratios = scipy.io.loadmat(data / "A.mat")["para"][0, 0]["u"].ravel()
     robot = kr300(tmp_path, ratios, "\n[springs]\nlinear = [2]\n")
-    options = [f"{signal}=rec.{name}" for signal, name in COLUMNS.items()]
-    words = [word for option in options for word in ("--columns", option)]
-    words += [
-        word for side in ("position=joint", "reference=joint", "torque=motor") for word in ("--side", side)
-    ]
     stiffness, variance = [], 0.0
     for run in "AB":
         out = tmp_path / f"{run}.toml"
-        assert main(["init", str(robot), str(data / f"{run}.mat"), *words, "-o", str(out)]) == 0
+        assert main(["init", str(robot), str(data / f"{run}.mat"), *OPTIONS, "-o", str(out)]) == 0
         log = didim.load_experiment(out)
         # Most of the error is that of the standstill before and after the motion.
         assert didim.identify(log, didim.IDIMLS()).overall_relative_error > 0.09

@@ -156,7 +156,7 @@ def test_a_parameter_of_one_block_alone_is_named() -> None:
     assert ratios[1] == pytest.approx((ratios[0] + ratios[2]) / 2)
     assert not np.isclose(ratios[0], 1.0)
     lines = spread.uncertainty.lines(np.sqrt(np.diag(spread.covariance)))
-    assert "only the rows of 0 to 1 s determine B: sigma is noise, scaled like the rest" in lines
+    assert "only the rows of 0 to 1 s determine B: sigma is scaled from that of noise" in lines
 
 
 def test_few_rows_are_said_to_be_few() -> None:

@@ -26,7 +26,8 @@ from .method import Method, MethodSettings
 
 REFUSED = {
     "misfit": "held-out blocks miss {:.0f} % of the torques, which is more than friction",
-    "extrapolation": "held-out blocks miss {:.0f} % of the torques, far more than the fit: the rest determines too little",
+    "extrapolation": "held-out blocks miss {:.0f} % of the torques, far more than the fit: "
+    "the rest of the log does not determine them",
 }
 """Why no terms were tried, with the error of the blocks in %."""
 

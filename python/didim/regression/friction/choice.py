@@ -178,7 +178,7 @@ def choose_terms(
 def _judged(system: LinearSystem, folds: Folds, beta: Array, weights: Array) -> tuple[float, Refusal]:
     """Return the relative error of held-out blocks without further terms, and why they cannot judge any."""
     error = folds.relative_error(system, weights)
-    fitted = float(np.linalg.norm(system.y - system.w @ beta) / np.linalg.norm(system.measured))
+    fitted = float(np.linalg.norm(system.residual(beta)) / np.linalg.norm(system.measured))
     if error > LARGEST_EXTRAPOLATION * fitted:
         return error, "extrapolation"
     return error, "misfit" if error > LARGEST_MISFIT else ""
