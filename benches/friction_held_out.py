@@ -190,8 +190,11 @@ def kr300(data: Path, whole: bool = False) -> didim.Experiment:
 Terms = Literal["plain", "auto, laws of the first", "auto, laws of all", "auto, own laws"]
 
 
-def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple[float, float]:
-    """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts; also without offsets.
+def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple[float, float, float]:
+    """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts.
+
+    Of all parameters; of those without offsets; and of those that more than one block of either determines, whose standard
+    deviation is that of the jackknife.
 
     With laws of the first log, or of all logs together, all estimates have the same, whose velocities have their columns in each
     covariance. With laws that each part chooses for itself, friction of a joint is compared where its laws are the same: elsewhere
@@ -212,7 +215,7 @@ def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple
             robot = fitted(log, True)[0] if terms == "auto, own laws" else robot
             estimates.append((robot, method.run(replace(log, robot=robot), Reporter())))
         Cut.rows = slice(None)
-    ratios: list[tuple[str, float]] = []
+    ratios: list[tuple[str, bool, float]] = []
     for (one_robot, one), (two_robot, two) in combinations(estimates, 2):
         values = dict(zip(two.names, zip(two.beta, two.std, strict=True), strict=True))
         other = {
@@ -223,12 +226,15 @@ def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple
                 continue
             size = np.hypot(std, values[name][1])
             if std > 0.0 and values[name][1] > 0.0:
-                ratios.append((name, (value - values[name][0]) / size))
+                single = any(fit.uncertainty and name in fit.uncertainty.single_block for fit in (one, two))
+                ratios.append((name, single, (value - values[name][0]) / size))
     kinds = (
-        [ratio for name, ratio in ratios if not (left_out and name.startswith("Off"))] for left_out in (0, 1)
+        [ratio for *_, ratio in ratios],
+        [ratio for name, _, ratio in ratios if not name.startswith("Off")],
+        [ratio for _, single, ratio in ratios if not single],
     )
-    every, without = (float(np.sqrt(np.mean(np.square(kind)))) for kind in kinds)
-    return every, without
+    every, without, several = (float(np.sqrt(np.mean(np.square(kind)))) for kind in kinds)
+    return every, without, several
 
 
 def laws(robot: didim.Robot, joint: int) -> set[str]:
@@ -409,11 +415,14 @@ def main() -> int:
     examples = Path(__file__).resolve().parents[1] / "examples"
     if args.between:
         kinds = get_args(Terms)
-        what = "differences of estimates over their standard deviations, rms (without offsets)"
+        what = "differences of estimates over their standard deviations, rms (without offsets; without parameters of one block)"
         print(f"{what}: {'; '.join(kinds)}", flush=True)
         for name, logs, parts in compared(args.data, examples, args.arms):
             pairs = [between(logs, parts, terms) for terms in kinds]
-            print(f"{name:45} {' '.join(f'{one:7.2f} ({two:.2f})' for one, two in pairs)}", flush=True)
+            print(
+                f"{name:45} {' '.join(f'{one:7.2f} ({two:.2f}; {three:.2f})' for one, two, three in pairs)}",
+                flush=True,
+            )
         return 0
     print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     for name, run in cases(args.data, examples, args.arms):

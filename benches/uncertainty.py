@@ -23,6 +23,7 @@ import didim
 from didim.methods.uncertainty import spread_of_fit
 from didim.regression.jackknife import Factors, intervals
 from didim.regression.least_squares import solve
+from didim.result.uncertainty import student_factor
 from didim.signal.decimation import decimate, decimation_stages
 from didim.studies.simulated_log import measured
 
@@ -55,8 +56,9 @@ def noise(fit: didim.Identification) -> Array:
     return fit.uncertainty.without_shift(fit.std)
 
 
-def line(name: str, z: Array, factor: float = 1.96) -> str:
-    return f"{name:52} rms {np.sqrt(np.mean(z**2)):5.2f}   within {factor:.2f}: {100.0 * np.mean(np.abs(z) < factor):5.1f} %"
+def line(name: str, z: Array, factor: float | Array = 1.96) -> str:
+    inside = 100.0 * np.mean(np.abs(z) < factor)
+    return f"{name:52} rms {np.sqrt(np.mean(z**2)):5.2f}   within {np.mean(factor):.2f}: {inside:5.1f} %"
 
 
 def ur10e(folder: Path, robot: didim.Robot) -> didim.Experiment:
@@ -101,8 +103,14 @@ def controls(draws: int) -> None:
     system = job.system([part])
     truth = log.robot.base_parameters.project(x)
     stages = decimation_stages(len(part.tau), job.signal)
-    for name, time_constant in (("white noise", 0.0), ("AR(1) noise, 66 ms", 66.0)):
+    for name, time_constant in (
+        ("white noise", 0.0),
+        ("AR(1) noise, 66 ms", 66.0),
+        ("AR(1) noise, 0.3 s", 300.0),
+        ("AR(1) noise, 1 s", 1000.0),
+    ):
         ratios: dict[str, list[Array]] = {"jackknife": [], "decimated": []}
+        factors: dict[str, list[float]] = {"jackknife": [], "decimated": []}
         for seed in range(draws):
             noise = coloured(np.random.default_rng(seed), part.tau.shape, time_constant)
             rows = decimate(noise * log.measurement.torque_noise, stages)[job.signal.kept_rows].T
@@ -111,13 +119,11 @@ def controls(draws: int) -> None:
             for kind, found in ratios.items():
                 settings = replace(job.settings, uncertainty=kind)  # type: ignore[arg-type]
                 spread = spread_of_fit(noisy, fit, settings, job.selection)
+                assert spread.uncertainty is not None
                 found.append((fit.solution - truth) / np.sqrt(np.diag(spread.covariance)))
+                factors[kind].append(student_factor(0.95, spread.uncertainty.degrees_of_freedom))
         for kind, found in ratios.items():
-            print(
-                line(
-                    f"{name}, {kind}, {draws} draws", np.array(found), 2.093 if kind == "jackknife" else 1.96
-                )
-            )
+            print(line(f"{name}, {kind}, {draws} draws", np.array(found), np.array(factors[kind])[:, None]))
 
 
 def chance(name: str, pieces: Sequence[didim.Experiment], draws: int) -> None:
@@ -130,7 +136,7 @@ def chance(name: str, pieces: Sequence[didim.Experiment], draws: int) -> None:
         residual = job.solve(system).residual
         sizes = np.array([np.sqrt(np.mean(residual[joint] ** 2)) for joint in system.joints])
         rows.append((job, part, system, sizes))
-    for title, time_constant_s in (("white", 0.0), ("AR(1), 66 ms", 0.066)):
+    for title, time_constant_s in (("white", 0.0), ("AR(1), 66 ms", 0.066), ("AR(1), 0.3 s", 0.3)):
         found, covered = [], []
         for seed in range(draws):
             rng = np.random.default_rng(seed)

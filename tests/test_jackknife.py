@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from didim.regression.block import Block, stacked
-from didim.regression.jackknife import Branches, Factors, deletion_covariance, intervals, rescaled
+from didim.regression.jackknife import (
+    Branches,
+    Factors,
+    deletion_covariance,
+    independent,
+    intervals,
+    rescaled,
+)
 from didim.regression.linear_system import LinearSystem
 
 ROWS, COLUMNS, JOINTS = 60, 7, 3
@@ -187,3 +194,35 @@ def test_intervals_cover_white_and_correlated_noise(time_constant: float) -> Non
     assert np.mean(np.abs(ratios) < 2.093) == pytest.approx(0.95, abs=0.03)
     if time_constant:
         assert np.sqrt(np.mean(np.square(white))) > 1.5
+
+
+@pytest.mark.parametrize(("lasting", "share", "ratio"), [(1, 0.03, 1.0), (60, 0.9, 1.3)])
+def test_intervals_are_doubled_where_neighbours_err_alike(lasting: int, share: float, ratio: float) -> None:
+    rng = np.random.default_rng(2)
+    blocks = stacked(2, [400])
+    parts = intervals(blocks)  # of 20 rows a joint; an error lasts over so many
+    w = np.column_stack([np.ones(800), rng.standard_normal((800, 3))])
+    doubled, errors = [], []
+    for _ in range(100):
+        error = np.repeat(rng.standard_normal((2, 400 // lasting + 1)), lasting, axis=1)[:, :400].ravel()
+        estimate = np.linalg.lstsq(w, error, rcond=None)[0]
+        of = Factors.of(w, error - w @ estimate)
+        single = of.jackknife([part.rows for part in parts])
+        found = independent(of, blocks, parts, single)
+        doubled.append(len(found.deletions) < 20)
+        errors.append([estimate[0] / np.sqrt(each.covariance[0, 0]) for each in (single, found)])
+    assert np.mean(doubled) == pytest.approx(share, abs=0.05)
+    before, after = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert before / after == pytest.approx(ratio, abs=0.1)
+
+
+def test_intervals_of_different_windows_are_no_neighbours() -> None:
+    blocks = stacked(1, [10] * 20)
+    parts = intervals(blocks)
+    error = np.repeat([1.0, -2.0, 1.0, 2.0, -2.0], 40)  # over four intervals each
+    of = Factors.of(np.ones((200, 1)), error)
+    single = of.jackknife([part.rows for part in parts])
+    assert independent(of, blocks, parts, single) is single
+    one = stacked(1, [200])
+    parts = intervals(one)
+    assert len(independent(of, one, parts, of.jackknife([part.rows for part in parts])).deletions) == 10

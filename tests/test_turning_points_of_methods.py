@@ -114,7 +114,7 @@ def test_errors_that_count_as_correlated(correlation: float, told: list[int]) ->
 
 @pytest.mark.parametrize(("share", "block"), [(0.88, -1), (0.92, 0)])
 def test_a_block_that_alone_determines_a_parameter(share: float, block: int) -> None:
-    found = Jackknife(np.zeros((2, 1)), np.array([[share], [0.0]]), 0.0)
+    found = Jackknife(np.zeros((2, 1)), np.array([[share], [0.0]]), 0.0, np.zeros((2, 1)))
     assert found.decisive.tolist() == [block]
 
 

@@ -156,7 +156,23 @@ def test_a_parameter_of_one_block_alone_is_named() -> None:
     assert ratios[1] == pytest.approx((ratios[0] + ratios[2]) / 2)
     assert not np.isclose(ratios[0], 1.0)
     lines = spread.uncertainty.lines(np.sqrt(np.diag(spread.covariance)))
-    assert "only the rows of 0 to 1 s determine B: sigma is scaled from that of noise" in lines
+    assert "only the rows of 0 to 1 s determine B: sigma is a guess, noise scaled" in lines
+
+
+def test_errors_that_outlast_blocks_are_a_remark() -> None:
+    rng = np.random.default_rng(1)
+    w = rng.standard_normal((800, 2)) + 1.0
+    y = w.sum(axis=1) + np.tile(np.repeat(rng.standard_normal(5), 80), 2)
+    system = LinearSystem(w=w, y=y, blocks=stacked(2, [400], rates_hz=[10.0]), names=("A", "B"))
+    selection = Selection(roles=("estimated",) * 2, values=np.zeros(2))
+    spread = spread_of_fit(system, solve(system, LeastSquaresSettings()), LeastSquaresSettings(), selection)
+    assert spread.uncertainty is not None
+    fewer = int(spread.uncertainty.degrees_of_freedom) + 1
+    assert (len(spread.uncertainty.deletions), fewer <= 10) == (20, True)
+    assert spread.remarks == (
+        f"errors of the model last longer than a block: the jackknife takes {fewer} blocks of time instead of 20",
+    )
+    assert f"by the jackknife, {fewer} blocks" in spread.uncertainty.origin
 
 
 def test_few_rows_are_said_to_be_few() -> None:
@@ -206,7 +222,7 @@ def test_parts_of_the_real_tx40_log_agree_within_their_sigmas(
     ]
     pairs = [(fits[i], fits[j]) for i in range(pieces) for j in range(i)]
     z = np.array([(a.beta - b.beta) / np.hypot(_of_noise(a), _of_noise(b)) for a, b in pairs])
-    assert 0.85 < np.sqrt(np.mean(z**2)) < largest
+    assert 0.75 < np.sqrt(np.mean(z**2)) < largest
     assert np.mean(np.abs(z) < 1.96) >= 0.9
     # The shift of friction that the model lacks is on top: the parts share that error.
     reported = np.array([(a.beta - b.beta) / np.hypot(a.std, b.std) for a, b in pairs])

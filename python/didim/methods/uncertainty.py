@@ -5,7 +5,7 @@ Tested in ``tests/test_uncertainty.py``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm
 from ..regression.friction.exchange import exchanges
-from ..regression.jackknife import Branches, Factors, intervals, rescaled
+from ..regression.jackknife import Branches, Factors, independent, intervals, rescaled
 from ..regression.linear_system import LinearSystem
 from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
@@ -163,22 +163,15 @@ def spread_of_factors(
     every = factors.jackknife(left_out)
     chosen = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
     decisive = chosen.decisive
-    variances = _with_single_blocks(np.diag(chosen.covariance), np.diag(covariance), decisive)
-    m = len(parts)
-    remarks = []
-    if m < settings.blocks:
-        remarks.append(
-            f"the log has {counted(rows, 'row')}: the jackknife takes {m} blocks of time instead of {settings.blocks}"
-        )
-    if rows * (m - 1) / m < FEW_ROWS * columns:
-        remarks.append(
-            f"{counted(rows, 'row')} for {counted(columns, 'parameter')} are few: the standard deviations are rough"
-        )
+    longer = independent(factors, blocks, parts, every)
+    spread = np.where(longer.decisive < 0, np.diag(longer.covariance), np.diag(every.covariance))
+    variances = _with_single_blocks(spread[:n], np.diag(covariance), decisive)
+    fewer = len(longer.deletions)
     return Spread(
         rescaled(covariance, variances),
         Uncertainty(
             kind="jackknife",
-            degrees_of_freedom=m - 1.0,
+            degrees_of_freedom=fewer - 1.0,
             std_white=whole(white),
             blocks=tuple(TimeBlock(part.recording, part.window, part.start_s, part.stop_s) for part in parts),
             deletions=whole(chosen.deletions),
@@ -186,9 +179,21 @@ def spread_of_factors(
                 name: int(block) for name, block in zip(names, decisive, strict=True) if block >= 0
             },
         ),
-        tuple(remarks),
-        every.covariance,
+        tuple(_remarks(rows, columns, settings.blocks, len(parts), fewer)),
+        longer.covariance,
     )
+
+
+def _remarks(rows: int, columns: int, wanted: int, m: int, fewer: int) -> Iterator[str]:
+    """Yield what the jackknife says of itself: of m blocks where so many were wanted, and of fewer that are independent."""
+    if fewer < m:
+        yield f"errors of the model last longer than a block: the jackknife takes {fewer} blocks of time instead of {m}"
+    if m < wanted:
+        yield f"the log has {counted(rows, 'row')}: the jackknife takes {m} blocks of time instead of {wanted}"
+    if rows * (m - 1) / m < FEW_ROWS * columns:
+        yield (
+            f"{counted(rows, 'row')} for {counted(columns, 'parameter')} are few: the standard deviations are rough"
+        )
 
 
 def _with_single_blocks(several: Array, noise: Array, decisive: NDArray[np.intp]) -> Array:

@@ -39,6 +39,8 @@ FEWEST_BLOCKS = 5
 DECISIVE_SHARE = 0.9
 """Share of the information on a parameter in one block from which that block determines it. Without it the standard deviation
 is three times as large, and the spread of the estimates rests on a single number."""
+CORRELATED = 1.645
+"""Correlation of neighbouring blocks, over its standard error, above which blocks are doubled; independent: 5 % exceed it."""
 LARGEST_EIGENVALUE = 1.0 - 1e-9
 """Eigenvalue of ``Q_i^T Q_i`` from which the other blocks do not determine a direction: the estimate then stays unchanged
 there."""
@@ -57,11 +59,14 @@ class Jackknife:
         for white noise.
     leverage : float
         Largest eigenvalue of all ``Q_i^T Q_i``; a value near one means that a single block determines a direction.
+    scores : ndarray, shape (m, k)
+        ``Q_i^T rho_i`` of each block.
     """
 
     deletions: Array
     information: Array
     leverage: float
+    scores: Array
 
     @property
     def covariance(self) -> Array:
@@ -228,7 +233,7 @@ class Factors:
             own = np.stack([np.eye(b) - left[rows].T @ left[rows] for rows in blocks])
             without = np.einsum("mij,mjk,mik->mi", ahead, own, ahead, optimize=True)
         variances = np.sum(inverse**2, axis=1)
-        return Jackknife(deletions, 1.0 - variances / np.maximum(without, variances), leverage)
+        return Jackknife(deletions, 1.0 - variances / np.maximum(without, variances), leverage, scores)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,15 +276,37 @@ class Branches:
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
         """Compute the estimates without each block of rows, branch by branch; see `Factors.jackknife`."""
         deletions, information = np.zeros((2, len(blocks), len(self.inverse)))
-        leverage = 0.0
+        leverage, scores = 0.0, [np.zeros((len(blocks), 0))]
         for rows, columns, factors in self.parts:
             index = np.full(len(self.residual), -1)
             index[rows] = np.arange(len(rows))
             own = [inside[inside >= 0] for inside in (index[block] for block in blocks)]
             variances = factors.jackknife(own)
             deletions[:, columns], information[:, columns] = variances.deletions, variances.information
+            scores.append(variances.scores)
             leverage = max(leverage, variances.leverage)
-        return Jackknife(deletions, information, leverage)
+        return Jackknife(deletions, information, leverage, np.hstack(scores))
+
+
+def independent(
+    factors: Factors | Branches, blocks: Sequence[Block], parts: Sequence[Interval], deleted: Jackknife
+) -> Jackknife:
+    """Return the jackknife of intervals that err independently: `deleted` of `parts`, or one of half as many, and again.
+
+    Errors of a model that last longer than an interval make neighbours err alike, and the jackknife too narrow. With the scores
+    ``u_i = Q_i^T rho_i`` the correlation of neighbours in a window, over its standard error, is
+    ``sum_i u_i^T u_(i+1) / sqrt(sum_i (u_i^T u_(i+1))^2)``: random signs of the intervals, which independence allows, give it a
+    mean of zero and a variance of one. Above `CORRELATED` intervals are doubled; at least `FEWEST_BLOCKS` remain.
+    """
+    while len(parts) >= 2 * FEWEST_BLOCKS:
+        windows = np.array([(part.recording, part.window) for part in parts])
+        same = (windows[1:] == windows[:-1]).all(axis=1)
+        products = np.sum(deleted.scores[1:] * deleted.scores[:-1], axis=1)[same]
+        fewer = intervals(blocks, len(parts) // 2)
+        if products.sum() <= CORRELATED * np.linalg.norm(products) or len(fewer) == len(parts):
+            break
+        parts, deleted = fewer, factors.jackknife([part.rows for part in fewer])
+    return deleted
 
 
 def deletion_covariance(deletions: Array) -> Array:

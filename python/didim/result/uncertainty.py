@@ -75,7 +75,8 @@ class Uncertainty(Pickled):
     joint_std : ndarray, shape (n_dof,)
         Standard deviation of the residual of each joint on the rows of the fit (N.m or N).
     blocks : tuple of TimeBlock
-        Intervals that were left out, one at a time; empty for other kinds.
+        Intervals that were left out, one at a time, for the deletions; empty for other kinds. Where their errors are correlated the
+        standard deviations are from longer ones.
     deletions : ndarray, shape (m, b)
         Estimate without each block less the estimate.
     single_block : mapping of str to int
@@ -137,7 +138,7 @@ class Uncertainty(Pickled):
         for block in sorted(set(self.single_block.values())):
             names = series(name for name, number in self.single_block.items() if number == block)
             lines.append(
-                f"only the rows of {self.blocks[block]} determine {names}: sigma is scaled from that of noise"
+                f"only the rows of {self.blocks[block]} determine {names}: sigma is a guess, noise scaled"
             )
         return [*lines, *self._position_lines(std), *self._friction_lines(std), *self.exchange_lines()]
 
@@ -206,7 +207,7 @@ class Uncertainty(Pickled):
     def origin(self) -> str:
         """Origin of sigma in words."""
         return {
-            "jackknife": f"by the jackknife, {len(self.blocks)} blocks of time left out one at a time",
+            "jackknife": f"by the jackknife, {self.degrees_of_freedom + 1:.0f} blocks of time left out one at a time",
             "decimated": "for white noise that the decimation has correlated",
             "white": "for white noise, (10)",
             "correlated": "for the correlation that the output errors show",

@@ -18,7 +18,7 @@ from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...methods.method import FitSettings
 from ...regression.covariance import decimated
-from ...regression.jackknife import Factors, deletion_covariance, intervals
+from ...regression.jackknife import Factors, independent, intervals
 from ...regression.linear_system import LinearSystem, linear_system
 from ...regression.logs.body import nearest_bodies
 from ...regression.logs.parameters import LogParameters
@@ -235,15 +235,16 @@ def _solve(
         factors, left=factors.left[:rows], right=factors.right[:rows], residual=factors.residual[:rows]
     )
     from_robot = factors.inverse @ factors.left[rows:].T
-    blocks = [part.rows for part in intervals(system.blocks, settings.blocks)]
+    parts = intervals(system.blocks, settings.blocks)
     whole = replace(system, w=columns, y=y, known=None)
     of_log = decimated(whole, replace(settings, weights="per-joint"), log.left, log.residual, factors.inverse)
     freedom, n_blocks = float(rows - e), 0
-    if settings.uncertainty == "jackknife" and len(blocks) > 1:
-        own = deletion_covariance(log.jackknife(blocks).deletions)
-        ratio = np.sqrt(np.diag(own) / np.maximum(np.diag(of_log), np.finfo(float).tiny))
+    if settings.uncertainty == "jackknife" and len(parts) > 1:
+        every = log.jackknife([part.rows for part in parts])
+        found = independent(log, system.blocks, parts, every)
+        ratio = np.sqrt(np.diag(found.covariance) / np.maximum(np.diag(of_log), np.finfo(float).tiny))
         of_log = of_log * np.outer(ratio, ratio)
-        n_blocks = len(blocks)
+        n_blocks = len(found.deletions)
         freedom = n_blocks - 1.0
     covariance = of_log + from_robot @ from_robot.T
     return _Solved(solution[k:], covariance[k:, k:], residual, freedom, n_blocks)
