@@ -13,13 +13,14 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-tools test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
+	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
@@ -54,7 +55,10 @@ demo: $(VENV)/.built
 	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist loadfile
+
+test-slow: $(VENV)/.built $(VENV)/.group-test
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -m tools
@@ -66,7 +70,7 @@ test-machines: $(VENV)/.built $(VENV)/.group-test
 # Branches too; fails under the share in pyproject.toml.
 coverage: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage run -m pytest -m 'not tools'
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 

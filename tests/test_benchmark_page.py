@@ -47,6 +47,7 @@ def test_the_noise_of_the_torque_is_as_the_page_says(project: Path) -> None:
         np.testing.assert_allclose(size / found, [float(text) for text in ratio.split(",")], rtol=0.06)
 
 
+@pytest.mark.slow
 def test_cloe_is_far_more_accurate_until_the_gains_are_wrong(project: Path) -> None:
     spec = load_study(project / "examples" / "study_tx40.toml")
     names = (

@@ -145,6 +145,7 @@ def test_nothing_is_found_on_a_clean_log(
     assert not check(path, "reference")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "signal"),
     [
@@ -179,6 +180,7 @@ def test_radians_for_degrees(log: Log, tmp_path: Path) -> None:
     assert "were in rad, not in deg" in item.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [4, 6])
 def test_torque_of_the_wrong_sign(short_tx40: Log, tmp_path: Path, joint: int) -> None:
     alone(check(short_tx40.change(turned(joint)).write(tmp_path)), "torque-sign", (joint,))
@@ -222,6 +224,7 @@ def test_columns_exchanged(log: Log, tmp_path: Path, positions: bool, torques: b
     alone(check(spoiled.write(tmp_path)), kind, (1, 2))
 
 
+@pytest.mark.slow
 def test_two_of_six_torques_exchanged(short_tx40: Log, tmp_path: Path) -> None:
     spoiled = short_tx40.change(exchanged(2, 5, positions=False, torques=True))
     alone(check(spoiled.write(tmp_path)), "swapped-torques", (2, 5))
@@ -245,6 +248,7 @@ def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
     assert "those of the joints, not of the motors" in item.sentence
 
 
+@pytest.mark.slow
 def test_a_log_of_the_motors_is_clean(short_tx40: Log, tmp_path: Path) -> None:
     assert not check(replace(on_motor_side(short_tx40), side="motor").write(tmp_path))
 
@@ -261,6 +265,7 @@ def test_delay(log: Log, tmp_path: Path, samples: int) -> None:
     assert not check(compensated.write(tmp_path))
 
 
+@pytest.mark.slow
 def test_delay_of_the_wrist(tx40: Log, tmp_path: Path) -> None:
     def wrist(q: Array, tau: Array) -> None:
         tau[:, 3:] = np.roll(tau[:, 3:], 5, axis=0)
@@ -289,6 +294,7 @@ def test_clipped_torque(log: Log, tmp_path: Path, limit: float) -> None:
     assert f"{limit:g}" in item.sentence
 
 
+@pytest.mark.slow
 def test_clipped_current_of_a_motor_is_found_behind_the_coupling(short_tx40: Log, tmp_path: Path) -> None:
     motors = replace(on_motor_side(short_tx40), side="motor")
     limit = 0.8 * np.abs(motors.tau[:, 4]).max()
@@ -344,6 +350,7 @@ def test_wrong_rate(log: Log, tmp_path: Path) -> None:
     assert item.value == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_joint_that_does_not_move(tmp_path: Path) -> None:
     source = (PACKAGED / "tx40.toml").read_text(encoding="utf-8")
     assert "2.0, 3.5, 1.9" in source
@@ -376,6 +383,7 @@ def test_wrong_gear_ratio(log: Log, tmp_path: Path, joint: int, factor: float) -
     assert item.value == pytest.approx(factor, rel=0.03)
 
 
+@pytest.mark.slow
 def test_gears_that_stand_for_each_other_are_both_named(tx40: Log, tmp_path: Path) -> None:
     """With rows at 50 Hz the gear of joint 6 and the reciprocal factor at joint 5 leave nearly the same residual."""
     spoiled = replace(tx40.change(geared(6, 0.9)), signal=SIGNAL.replace("[5, 10]", "[5, 4]"))
@@ -468,6 +476,7 @@ def test_findings_as_json(log: Log, tmp_path: Path) -> None:
     assert item["advice"]
 
 
+@pytest.mark.slow
 def test_real_logs(project: Path, shared: Path) -> None:
     assert not check(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     assert not check(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
@@ -486,6 +495,7 @@ def tx40_real(project: Path, shared: Path) -> tuple[Experiment, Recording]:
     return experiment, experiment.recordings[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [2, 6])
 def test_wrong_sign_in_a_real_log(tx40_real: tuple[Experiment, Recording], joint: int) -> None:
     experiment, recording = tx40_real

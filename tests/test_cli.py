@@ -325,6 +325,7 @@ def test_a_failure_leaves_the_old_json(
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["arm.toml", "data", "fit.json"]
 
 
+@pytest.mark.slow
 def test_json_to_a_pipe(arm: Path) -> None:
     command = [sys.executable, "-m", "didim", "identify", str(arm), "--data", str(arm.parent / "data")]
     done = subprocess.run([*command, "--quiet", "--json", "/dev/stdout"], capture_output=True, check=False)

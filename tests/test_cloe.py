@@ -91,6 +91,7 @@ def test_the_simplex_goes_down_and_counts() -> None:
     assert "no standard deviations" in fit.remarks[0]
 
 
+@pytest.mark.slow
 def test_emps_by_both_optimisers(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     # A third of the motion, which all parameters show: what is compared is where searches end.
@@ -214,6 +215,7 @@ def off(arm: Experiment, factors: tuple[float, float] = (0.7, 1.4)) -> np.ndarra
     return np.asarray(truth * np.linspace(*factors, truth.size))
 
 
+@pytest.mark.slow
 def test_the_adapted_simplex_ends_near_the_optimum_and_the_literal_one_does_not() -> None:
     arm = short_arm()
     start = {name: 0.5 for name in arm.robot.base_parameters.names if name.startswith(("Ia", "ZZ"))}

@@ -335,6 +335,7 @@ def test_what_cannot_be_compared(experiment: Experiment) -> None:
 # The command.
 
 
+@pytest.mark.slow
 def test_command(path: Path, arm: Comparison, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["compare", "--experiment", str(path), "--parameters", "reference", "--nelder-mead", "none"]
     assert main([*command, "--json", str(tmp_path / "out.json")]) == 0

@@ -125,6 +125,7 @@ def test_priors_and_weights_are_checked() -> None:
         Consistent(gamma=-1.0)
 
 
+@pytest.mark.slow
 def test_consistent_didim_meets_a_robot_in_two_iterations() -> None:
     experiment = didim.packaged_experiment("tx40")
     truth = experiment.robot.parameter_set("didim_physical")

@@ -65,6 +65,7 @@ def test_least_squares_makes_no_body_of_this_load(noisy: Experiment) -> None:
     assert np.linalg.eigvalsh(pseudo_inertia(load_of(didim.identify(noisy, didim.IDIMLS()))))[0] < -3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [
@@ -94,6 +95,7 @@ def test_robot_and_load_are_bodies_in_every_method(noisy: Experiment, method: Me
         assert violations(drive_cones(ROBOT), job.parameters.standard(x, recording)) == []
 
 
+@pytest.mark.slow
 def test_where_truth_is_feasible_plain_least_squares_gives_the_same() -> None:
     log = two_logs(1.0)
     plain = didim.identify(log, didim.DIDIM(physical=False, start="consistent"))

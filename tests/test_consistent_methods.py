@@ -44,6 +44,7 @@ def off(fit: didim.Identification, log: Experiment) -> float:
     return float(np.sqrt(np.mean(((fit.beta - log.robot.set_base("reference")) / fit.std) ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_where_the_truth_is_a_robot_plain_and_consistent_didim_agree() -> None:
     """Same weights, same answer: a prior of a hundredth of a nat moves nothing by more than 0.01 sigma rms."""
@@ -208,6 +209,7 @@ def test_a_made_up_controller_has_gains_for_didim_and_no_other(
     )
 
 
+@pytest.mark.slow
 def test_a_measured_ur10e_with_a_made_up_controller(shared: Path, tmp_path: Path) -> None:
     """A log without reference and controller, from `didim init`: as good along the measured motion as least squares."""
     (tmp_path / "free.csv").symlink_to(shared / "data" / "ur10e" / "free.csv")

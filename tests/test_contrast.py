@@ -93,6 +93,7 @@ def test_without_noise_the_truth_is_met(exact: Experiment, truth: Array) -> None
     assert np.abs(fit.beta - truth).max() < 0.02
 
 
+@pytest.mark.slow
 def test_instruments_repair_a_noisy_regressor_that_nothing_averages(exact: Experiment, truth: Array) -> None:
     measurement = exact.measurement
     assert measurement is not None
@@ -126,6 +127,7 @@ def test_a_sound_log_gives_estimates_that_agree(fits: dict[str, Identification])
     assert found.to_dict()["beyond"] == []
 
 
+@pytest.mark.slow
 def test_a_wrong_filter_is_exposed_by_instruments(log: Experiment) -> None:
     fits = three(replace(log, signal=replace(log.signal, cutoff_hz=60.0)))
     sentence, filters, _ = read(fits)
@@ -135,6 +137,7 @@ def test_a_wrong_filter_is_exposed_by_instruments(log: Experiment) -> None:
     assert len(contrast(fits["idim-ls"], fits["idim-iv"]).beyond) >= 3
 
 
+@pytest.mark.slow
 def test_a_wrong_controller_is_exposed_by_didim(log: Experiment, truth: Array) -> None:
     fits = three(with_slack_controller(log, 0.7))
     sentence, filters, _ = read(fits)
@@ -162,6 +165,7 @@ def test_the_emps_has_wrong_friction_near_reversals(shared: Path, project: Path)
     assert "the observation matrix is wrong" in reading([filters, loop])
 
 
+@pytest.mark.slow
 def test_nothing_is_known_of_the_controller_of_the_tx40(shared: Path, project: Path) -> None:
     log = didim.load_experiment(project / "examples/tx40_didim.toml", data=shared / "data/tx40")
     filters, loop = contrasts_of(log).contrasts
@@ -172,6 +176,7 @@ def test_nothing_is_known_of_the_controller_of_the_tx40(shared: Path, project: P
     assert "the simulated loop is wrong" in reading([filters, loop])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_the_deviation_of_a_difference_is_its_spread_over_logs(exact: Experiment) -> None:
     differences, stds = [], []
@@ -198,6 +203,7 @@ def test_results_of_different_logs_are_refused(
         contrast(fits["idim-ls"], arm)
 
 
+@pytest.mark.slow
 def test_compare_prints_the_contrasts_of_a_simulated_log(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

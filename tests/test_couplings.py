@@ -185,6 +185,7 @@ def gripper(seed: int = 0) -> str:
     return f'<robot name="gripper">{"".join(parts)}</robot>'
 
 
+@pytest.mark.slow
 def test_every_method_gives_the_parameters_of_a_gripper_back(tmp_path: Path) -> None:
     robot = made(tmp_path, gripper()).with_friction(smoothing_rad_s=0.02, coulomb="tanh")
     assert robot.joint_names == ("turn", "bend", "close")

@@ -160,6 +160,7 @@ def shifted(log: Experiment, samples: int, joints: slice) -> Experiment:
     return replace(log, recordings=(replace(recording, tau=tau),))
 
 
+@pytest.mark.slow
 def test_a_sound_log_has_no_delay_whatever_its_filter(sound: Experiment) -> None:
     fit = identify(sound, IDIMLS(compensate_samples="estimate"))
     assert fit.delay["estimated_samples"] == 0.0

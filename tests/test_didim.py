@@ -108,6 +108,7 @@ def test_without_noise_the_truth_is_met() -> None:
     np.testing.assert_allclose(found.beta, experiment.robot.set_base("didim"), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_twelve_iterations_do_not_wander(log: Experiment, fit: Identification) -> None:
     long = identify(log, plain_didim(max_iterations=12, stop=False))
@@ -117,6 +118,7 @@ def test_twelve_iterations_do_not_wander(log: Experiment, fit: Identification) -
     assert all(item.more["largest_change_in_sigma"] < 1e-3 for item in long.history[6:])
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_sigma_says(exact: Experiment, truth: Array) -> None:
     """Five seeds; benches/calibration.py does a hundred."""
     off = []
@@ -141,6 +143,7 @@ def test_every_start_ends_at_the_same_parameters(log: Experiment, fit: Identific
     assert found.settings["didim"]["start"] == start
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identification) -> None:
     """The truth times factors of 0.3 to 3 per group, where M(q) stays positive definite; benches/calibration.py does twenty."""
@@ -152,6 +155,7 @@ def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identi
         assert distance(fit, found.beta) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
     project: Path, log: Experiment, fit: Identification
@@ -266,6 +270,7 @@ def slack_fit(slack: Experiment) -> Identification:
     return plain_didim().run(slack, Reporter())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_a_step_that_would_leave_the_robots_is_shortened(
     slack: Experiment, slack_fit: Identification
@@ -302,6 +307,7 @@ def test_gain_updating_leaves_the_result_alone(
     assert distance(fit, found.beta) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_gain_updating_also_where_steps_are_shortened(slack: Experiment, slack_fit: Identification) -> None:
     always = identify(slack, plain_didim(gain_updating="always"))
@@ -544,6 +550,7 @@ def test_emps(emps: Experiment) -> None:
     np.testing.assert_allclose(found.beta, [95.139, 203.28, 20.527, -3.170], rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     """Without it the light carriage saturates its drive: residuals stop changing far from the log, which is not convergence."""
     found = identify(emps, plain_didim(gain_updating="never", max_iterations=3, tolerance=0.025))
@@ -560,6 +567,7 @@ def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     assert distance(near, identify(emps, plain_didim()).beta) < 0.05
 
 
+@pytest.mark.slow
 def test_tx40_log_agrees_with_table_2(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(
         project / "examples" / "tx40_didim.toml", data=shared / "data" / "tx40"

@@ -251,6 +251,7 @@ def test_idim_ls_within_didim_has_all_its_settings(arm: Experiment, monkeypatch:
     assert {key: getattr(method, key) for key in settings} == settings
 
 
+@pytest.mark.slow
 def test_the_callback_hears_each_iteration_once_though_steps_in_time_get_smaller(project: Path) -> None:
     """A start too stiff for the steps of the experiment, in the middle of the run."""
     experiment = packaged_experiment("tx40")

@@ -142,6 +142,7 @@ def test_tx40_coupled_friction(
     np.testing.assert_allclose([float(error) for error in written.groups()], run, rtol=0, atol=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_tx40_sweep(project: Path, recipes: Path, experiments: dict[str, Experiment]) -> None:
     """Run the three rows that the conclusion rests on; the others take as long as all tests together."""
@@ -326,6 +327,7 @@ def test_simulation_examples_print_what_the_page_says(
     assert capsys.readouterr().out == indented(text, "```\n\nprints\n")
 
 
+@pytest.mark.slow
 def test_simulation_steps(project: Path) -> None:
     robot, x, reference, controller = tx40()
     rows = tables(project / "docs" / "simulation.md")["step_s fine_step_s steps"]

@@ -72,6 +72,7 @@ def test_a_motor_that_runs_backwards_has_a_negative_gain() -> None:
     np.testing.assert_allclose(fit.further.gains, gains, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_maximum_likelihood_is_unbiased_and_calibrated_where_ols_is_not(project: Path) -> None:
     classical_gains = script(project / "benches" / "classical_gains.py").classical_gains
     scores, ols = [], []
@@ -130,6 +131,7 @@ def test_didim_finds_gains_robot_and_payload_without_noise(reduction: Array) -> 
     np.testing.assert_allclose(fit.further.values[-2:], gains, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [didim.IDIMIV(), didim.DIDIM()], ids=lambda item: item.name)
 def test_errors_of_gains_and_all_else_are_as_large_as_sigma_says(method: didim.DIDIM) -> None:
     scores = []
@@ -233,6 +235,7 @@ def test_a_load_that_a_joint_does_not_feel_leaves_its_gain_unknown() -> None:
     assert percent[0] > 2.5 * percent[1]
 
 
+@pytest.mark.slow
 def test_a_real_ur10e_pair_of_currents(shared: Path) -> None:
     """The gains of an independent prototype, and the mass of the load with these (docs/currents.md)."""
     file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"

@@ -117,6 +117,7 @@ def test_every_joint_and_pair_without_noise(exact: Experiment) -> None:
     check_all(exact)
 
 
+@pytest.mark.slow
 def test_idim_ls_says_so(log: Experiment) -> None:
     tau = torques(log)
     assert told(identify(log).evidence) == []
@@ -142,23 +143,27 @@ def named(log: Experiment, method: DIDIM, wanted: Named) -> None:
     assert wanted in with_ties(finding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [2, 5])
 def test_didim_names_a_turned_joint(log: Experiment, joint: int) -> None:
     tau = turned(torques(log), joint)
     named(with_torques(log, tau), plain_didim(max_iterations=1), ("torque-sign", (joint + 1,)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("i", "j"), [(0, 1), (4, 5)])
 def test_didim_names_exchanged_joints(log: Experiment, i: int, j: int) -> None:
     tau = exchanged(torques(log), i, j)
     named(with_torques(log, tau), plain_didim(max_iterations=1), ("swapped-torques", (i + 1, j + 1)))
 
 
+@pytest.mark.slow
 def test_didim_without_gain_updating_names_them_too(log: Experiment) -> None:
     tau = turned(torques(log), 1)
     named(with_torques(log, tau), plain_didim(max_iterations=1, gain_updating="never"), ("torque-sign", (2,)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["unit", "idim-ls"])
 def test_two_joints(start: str) -> None:
     """Turning one joint of two leaves as much as turning the other: friction tells which it was."""
@@ -232,6 +237,7 @@ def test_a_turned_torque_of_the_measured_tx40(measured_tx40: Experiment, joint: 
         assert found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(9.81, 0.0, 0.0), (0.0, 0.0, 9.81)], ids=("x", "up"))
 def test_gravity_of_the_measured_tx40(measured_tx40: Experiment, gravity: tuple[float, ...]) -> None:
     log = replace(measured_tx40, robot=with_geometry(measured_tx40.robot, gravity=gravity))
@@ -243,6 +249,7 @@ def test_gravity_of_the_measured_tx40(measured_tx40: Experiment, gravity: tuple[
         assert finding.remedy.key == "gravity_m_s2"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 2])
 def test_a_gain_and_its_remedy(measured_tx40: Experiment, joint: int) -> None:
     """What the finding says is what was planted, and with the remedy it is gone."""

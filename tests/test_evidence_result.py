@@ -67,6 +67,7 @@ def test_the_residual_is_that_of_the_fit() -> None:
     assert found.share() < 0.3 * np.linalg.norm(found.error) / np.linalg.norm(found.torque)
 
 
+@pytest.mark.slow
 def test_outliers_are_named_and_not_the_controller(sound: Log) -> None:
     """A hundredth of the samples is off by thirty standard deviations of the noise."""
     log = sound.noisy(1, 0.01)
@@ -172,6 +173,7 @@ def test_an_estimate_that_is_no_robot_cannot_be_simulated_and_its_nearest_robot_
     assert good.verdict.uses[0].fit_for
 
 
+@pytest.mark.slow
 def test_cloe_is_asked_the_same_questions(sound: Log) -> None:
     log = sound.noisy(0, 0.003)
     cloe = didim.CLOE(optimizer="levenberg-marquardt", start="idim-ls")

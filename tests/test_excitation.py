@@ -215,6 +215,7 @@ def test_a_small_tx40_design_beats_the_random_motion() -> None:
     assert excite(robot, settings).ratio < 0.6
 
 
+@pytest.mark.slow
 def test_wanted_parameters_get_better_at_the_cost_of_the_others(planar: Robot) -> None:
     names = ("Fv1", "Fv2")
     settings = ExcitationSettings(**(SMALL | {"iterations": 200}), parameters="reference")
@@ -523,6 +524,7 @@ def test_limits_are_verified_on_a_grid_twenty_times_finer() -> None:
     assert len(basis.derivatives(FINE * basis.samples)[0]) == 20 * len(basis.grid[0])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_the_example_goes_full_circle(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Sigma as predicted; the error over sigma is one seed's."""

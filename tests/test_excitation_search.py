@@ -119,6 +119,7 @@ def test_a_perturbation_changes_each_shape_by_its_share() -> None:
     np.testing.assert_array_equal(free.perturbed(v, 0.2, rng)[-12:], v[-12:])
 
 
+@pytest.mark.slow
 def test_perturbations_raise_the_criterion(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many evaluations without perturbations end lower, from any start."""
     found: dict[str, list[float]] = {}

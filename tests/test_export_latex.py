@@ -36,6 +36,7 @@ def check(robot: Robot, seed: int = 0) -> None:
     assert worst(np.array(torques).T, expected) < 1e-11
 
 
+@pytest.mark.slow
 def test_formulas_equal_the_core() -> None:
     check(didim.load_robot("planar2"))
     check(didim.load_robot("emps"))

@@ -150,6 +150,7 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
     np.testing.assert_allclose(fit.std**2, noise**2 + shift**2, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_of_positions_is_no_friction(project: Path, seed: int) -> None:
     """The dual arm of docs/branches.md: noise of 1e-5 rad at 500 Hz is in the residual and in the errors of sampling."""

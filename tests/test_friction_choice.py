@@ -266,6 +266,7 @@ def test_methods_that_simulate_recover_load_and_atan_friction(project: Path) -> 
         assert np.sqrt(np.mean(np.square(list(z.values())))) < 1.8, (method.name, z)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_standard_deviations_include_those_of_the_velocities() -> None:
     terms = [
@@ -367,6 +368,7 @@ def apart_from_table_2(fit: didim.Identification, shared: Path) -> tuple[dict[st
     return own, both
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("laws", list(TX40), ids=lambda laws: "+".join(laws) or "none")
 def test_the_friction_table_of_the_tx40(
     shared: Path, project: Path, laws: tuple[str, ...], request: pytest.FixtureRequest
@@ -399,6 +401,7 @@ def test_the_friction_table_of_the_emps(shared: Path, project: Path, laws: tuple
     assert held_out_error(experiment) == pytest.approx(EMPS[laws][1], abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_choice_on_the_ur10e(shared: Path) -> None:
     folder = shared / "data/ur10e"
     table = np.loadtxt(folder / "free.csv", delimiter=",")[195:4966]
@@ -423,6 +426,7 @@ def test_the_choice_on_the_ur10e(shared: Path) -> None:
     assert {"Fl2", "Fl3", "Fa1"} <= {item["parameter"] for item in fit.settings["friction"]["chosen"]}
 
 
+@pytest.mark.slow
 def test_the_choice_on_the_tx40(shared: Path, project: Path) -> None:
     experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
     fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))

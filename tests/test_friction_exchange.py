@@ -46,6 +46,7 @@ def only(fit: didim.Identification) -> Exchange:
     return item
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("uncertainty", ["jackknife", "white"])
 def test_friction_at_speeds_is_known_where_the_pair_is_not(uncertainty: str) -> None:
     fits = [fitted(seed=seed, uncertainty=uncertainty) for seed in range(16)]

@@ -176,6 +176,7 @@ def test_the_closed_loop_has_the_friction_of_the_inverse_model_and_holds_a_joint
     assert abs(lost) < abs(smooth) < 0.3 * kept
 
 
+@pytest.mark.slow
 def test_didim_and_cloe_simulate_a_sign_that_is_kept() -> None:
     terms = [FrictionTerm(law="hold", joint=0), FrictionTerm(law="dahl", joint=1, velocity=0.01)]
     robot = planar(*terms, dead_zone=0.02)

@@ -149,6 +149,7 @@ def test_velocities_and_load_friction_come_back_from_a_noise_free_log() -> None:
     assert other.recordings[0].direct_overall == pytest.approx(fit.overall_relative_error, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_errors_are_as_large_as_sigma_says_and_velocities_have_a_sigma() -> None:
     terms = (FrictionTerm(law="atan", joint=0, velocity=0.3), FrictionTerm(law="load", joint=1))

@@ -71,6 +71,7 @@ def test_idim_ls_accounts_for_the_hold_of_the_planar_arm(project: Path, rate_hz:
     assert sigmas(log, x, IDIMLS(compensate_samples=0.0))["Fv1"].mean() < -4.0
 
 
+@pytest.mark.slow
 def test_didim_needs_no_hold_and_validation_has_that_of_the_method(project: Path) -> None:
     log, x = planar2(project, 500.0)
     off = sigmas(log, x, DIDIM())
@@ -90,6 +91,7 @@ def test_didim_needs_no_hold_and_validation_has_that_of_the_method(project: Path
     assert found.held_out[0].overall_relative_error < 1.02 * fit.overall_relative_error
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_idim_iv_accounts_for_the_hold_too(project: Path) -> None:
     log, x = planar2(project, 500.0)
@@ -145,6 +147,7 @@ def seven_joints(folder: Path) -> tuple[Robot, np.ndarray]:
     return robot, robot.parameter_set("truth")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_alarm")
 def test_idim_ls_accounts_for_the_hold_of_a_seven_joint_arm(tmp_path: Path) -> None:
     robot, x = seven_joints(tmp_path)

@@ -57,6 +57,7 @@ def robot_text(*, truth: bool) -> str:
     )
 
 
+@pytest.mark.slow
 def test_both_legs_come_out_of_one_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("humanoid.xml").write_text(robot_text(truth=False))

@@ -64,6 +64,7 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str, weights: str) 
     assert fit.elapsed > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged", "without_alarm")
 def test_errors_with_noise_are_as_large_as_sigma_says(robot: Robot, x: Array, truth: Array) -> None:
     errors = []

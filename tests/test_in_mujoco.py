@@ -88,6 +88,7 @@ def test_nothing_but_attributes_of_joints_changes(twin: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [None, "0.001"])
 def test_mujoco_replays_the_log(
     twin: Path, step: str | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -118,6 +119,7 @@ def test_mujoco_replays_the_log(
         assert "At the file's own step of 1.667 ms it is" in told
 
 
+@pytest.mark.slow
 def test_the_files_own_values_stay_where_they_are(twin: Path) -> None:
     """The values before are those of the robot file: with them a replay of the exported file is as bad."""
     fit, experiment = didim.Identification.load(twin / "fit.json"), didim.load_experiment(twin / "go2.toml")
@@ -160,6 +162,7 @@ def test_wrong_options(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_real_quadruped(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three commands on the log of a Go2: MuJoCo replays it within 1.1 times the fit's own error of 5.77 mrad."""
     source = shared / "data" / "go2"
@@ -175,6 +178,7 @@ def test_a_real_quadruped(shared: Path, tmp_path: Path, monkeypatch: pytest.Monk
     assert np.sqrt(np.mean(np.square(found["before"]))) > 15e-3
 
 
+@pytest.mark.slow
 def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands of docs/hobby_arm.md: the drives of the truth come back, and MuJoCo replays the episodes."""
     page = (Path(__file__).parents[1] / "docs" / "hobby_arm.md").read_text(encoding="utf-8")
@@ -205,6 +209,7 @@ def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.
 STEPPED = ARM.replace("[unknown]\n", "[unknown]\nkp = { start = 15.0 }\nkv = { start = 0.8 }\n")
 
 
+@pytest.mark.slow
 def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
     """A log by MuJoCo at 2 ms, whose servos saturate: what is left is the noise, and the drives for that step are the truth."""
     step = 0.002
@@ -224,6 +229,7 @@ def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:
     assert found[0].delay_s == pytest.approx(0.02, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_replay_in_short_steps_has_no_error_of_its_own(tmp_path: Path) -> None:
     """A replay leaves the error of the fit to a log by MuJoCo without noise, a few urad, also where the file has implicit steps."""
     steps = arm_text(truth=True).replace("implicitfast", "RK4")

@@ -266,6 +266,7 @@ def test_joints_of_other_names(found: list[str], robot: list[str], names: list[s
     assert bool(note) == (bool(names) and names != robot)
 
 
+@pytest.mark.slow
 def test_bags_with_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rosbags", reason="needs the extra 'ros'")
     from bags import write_bag
@@ -437,6 +438,7 @@ REAL: dict[str, tuple[str, list[str], list[str], float]] = {
 """Robot, files, options, and the relative error that is not exceeded."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", list(REAL))
 def test_public_logs_get_in_by_init_alone(shared: Path, tmp_path: Path, which: str) -> None:
     """As they were published: two files of one log, bags with other names, MATLAB, no header.
@@ -455,6 +457,7 @@ def test_public_logs_get_in_by_init_alone(shared: Path, tmp_path: Path, which: s
     assert fit.overall_relative_error < largest
 
 
+@pytest.mark.slow
 def test_a_kuka_with_motor_torques_in_a_structure(
     shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

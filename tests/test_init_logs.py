@@ -223,6 +223,7 @@ def test_the_emps_from_its_own_file(shared: Path, tmp_path: Path) -> None:
     assert fit.beta[0] == pytest.approx(95.1, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_bag_by_names(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="needs the extra 'ros'")
     from bags import write_bag
@@ -309,6 +310,7 @@ def test_the_rest_before_and_after_a_motion_is_left_out(tmp_path: Path) -> None:
     assert any("the samples before and after are left out" in sentence for sentence in draft.read)
 
 
+@pytest.mark.slow
 def test_the_raw_log_of_a_ur10e(shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No header, uneven stamps, currents: two questions, their answers, and a fit below 4.6 %."""
     log = tmp_path / "free.csv"

@@ -375,6 +375,7 @@ def test_other_errors_are_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyP
         main(["identify", str(file)])
 
 
+@pytest.mark.slow
 def test_reading_beyond_the_memory_of_the_process_is_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(["x" * 1000] * 300_000), encoding="utf-8")

@@ -170,6 +170,7 @@ def test_errors_are_as_large_as_sigma_says() -> None:
     assert coverage(LeastSquaresSettings(), decimated=False) == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.slow
 def test_errors_after_decimation_are_as_large_as_the_corrected_sigma_says() -> None:
     corrected = coverage(LeastSquaresSettings(), decimated=True)
     assert corrected == pytest.approx(1.0, abs=0.06)

@@ -166,6 +166,7 @@ def test_derivatives_of_output_errors_of_all_limbs_at_once(
         )
 
 
+@pytest.mark.slow
 def test_standard_deviations_of_all_limbs_at_once(
     walker: tuple[Experiment, Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,6 +275,7 @@ def didim_of(log: Experiment, method: didim.DIDIM) -> Iterations:
     return iterations_of(method, method.job(log, log.simulated_robot), Reporter())
 
 
+@pytest.mark.slow
 def test_each_limb_iterates_as_by_itself(slack: Experiment) -> None:
     """One leg ends at the fixed point of its slack loop, the others by the rule on a step; none is simulated for another."""
     entries: list[Iteration] = []

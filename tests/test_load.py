@@ -38,6 +38,7 @@ def both(first: didim.Experiment, second: didim.Experiment) -> didim.Experiment:
     return replace(first, recordings=(replace(one, name="free"), replace(two, name="second")))
 
 
+@pytest.mark.slow
 def test_a_load_in_one_of_two_logs_is_weighed(logs: tuple[Log, Log]) -> None:
     experiment = both(logs[0].noisy(1), logs[1].noisy(2))
     fit = didim.identify(experiment)
@@ -50,6 +51,7 @@ def test_a_load_in_one_of_two_logs_is_weighed(logs: tuple[Log, Log]) -> None:
     assert found[0].recording == "second"
 
 
+@pytest.mark.slow
 def test_two_logs_of_one_robot_have_no_load(logs: tuple[Log, Log]) -> None:
     for seed in range(5):
         experiment = both(logs[0].noisy(seed), logs[0].noisy(seed + 50))

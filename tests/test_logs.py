@@ -78,6 +78,7 @@ def test_a_result_with_further_parameters_is_saved_printed_and_predicts(
     assert (relative_errors(predict(again, bare)) > 0.01).all()
 
 
+@pytest.mark.slow
 def test_known_parts_of_a_payload_are_kept(exact: Experiment) -> None:
     mass, centre = float(DISC[9]), tuple((DISC[6:9] / DISC[9]).tolist())
     for payload, left in (

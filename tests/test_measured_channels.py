@@ -37,6 +37,7 @@ def test_external_torques_are_part_of_what_the_model_explains() -> None:
     assert np.abs(unknown.beta - truth).max() > 0.05 * scale
 
 
+@pytest.mark.slow
 def test_the_simulated_loop_is_pushed_too() -> None:
     """DIDIM on a simulated log with a known push; without it the closed loop moves otherwise."""
     reference = Reference.fourier(

@@ -21,6 +21,7 @@ def test_every_place_is_there_once(project: Path, monkeypatch: pytest.MonkeyPatc
     assert importlib.import_module("mutations").stale() == []
 
 
+@pytest.mark.slow
 def test_a_change_is_that_of_one_value(constants: ModuleType, project: Path) -> None:
     every = list(constants.constants(project))
     assert len(every) > 300

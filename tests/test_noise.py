@@ -99,6 +99,7 @@ def one_joint_at_a_time() -> tuple[Experiment, Array]:
     return replace(log, recordings=recordings), robot.set_base("reference")
 
 
+@pytest.mark.slow
 def test_cloe_weights_a_resting_joint_by_its_encoder(one_joint_at_a_time: tuple[Experiment, Array]) -> None:
     log, truth = one_joint_at_a_time
     q = log.recordings[0].q

@@ -23,6 +23,7 @@ def test_there_are_two() -> None:
     assert len(NOTEBOOKS) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_its_last_answer_is_that_of_the_page(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

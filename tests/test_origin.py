@@ -39,6 +39,7 @@ def test_robots_are_listed_with_their_origins(capsys: pytest.CaptureFixture[str]
             assert f"{name}, set {key!r}, identified from {origin.data} ({origin.licence})" in printed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "folder"), [("panda", "unisa"), ("go2", "go2")])
 def test_the_commands_give_the_set_again(
     shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, folder: str

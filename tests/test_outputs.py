@@ -85,6 +85,7 @@ def limited(arguments: list[str], folder: Path, size: int) -> subprocess.Complet
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, preexec_fn=limit, check=False)
 
 
+@pytest.mark.slow
 def test_a_full_disk_costs_no_result(file: Path, tmp_path: Path) -> None:
     """Not even the folder for temporary files takes the file: the table is printed, even with --quiet."""
     run = limited(["identify", str(file), "--quiet", "--json", "fit.json"], tmp_path, 512)
@@ -116,6 +117,7 @@ def test_an_output_that_fails_late_is_written_elsewhere(
     assert didim.Identification.load(tmp_path / "fit-1.json").method == "idim-ls"
 
 
+@pytest.mark.slow
 def test_a_result_that_cannot_be_printed_is_saved(file: Path, tmp_path: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
@@ -216,6 +218,7 @@ def test_write_elsewhere_where_nothing_can_be_written(
     assert write_elsewhere(Path("fit.json"), full) is None
 
 
+@pytest.mark.slow
 def test_threads_save_to_one_path(tmp_path: Path) -> None:
     fit = identify(arm_log(1), IDIMLS())
     path, failures = tmp_path / "fit.json", []
@@ -420,6 +423,7 @@ def test_whatever_fails_in_an_output_the_result_is_printed(
     assert err.endswith("fit.json: interrupted, not written\n")
 
 
+@pytest.mark.slow
 def test_text_that_stdout_cannot_encode_is_escaped(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace('name = "arm"', 'name = "bras d\u2019essai"', 1), encoding="utf-8")

@@ -112,6 +112,7 @@ def fitted(experiment: didim.Experiment) -> tuple[didim.Identification, Position
     return fit, record
 
 
+@pytest.mark.slow
 def test_gains_and_payloads_of_logs(logs: didim.Experiment, tmp_path: Path) -> None:
     fit, record = fitted(logs)
     assert fit.verdict.sound

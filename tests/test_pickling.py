@@ -205,6 +205,7 @@ def test_what_arrives_works_as_before(arm: Experiment, objects: dict[str, list[A
     assert x.flags.writeable is False
 
 
+@pytest.mark.slow
 def test_a_pool_of_spawned_processes_identifies(arm: Experiment) -> None:
     methods: list[Method] = [IDIMLS(), DIDIM()]
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:

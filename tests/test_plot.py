@@ -486,6 +486,7 @@ def test_a_missing_matplotlib_is_one_sentence(
         plot.convergence(closed)
 
 
+@pytest.mark.slow
 def test_import_didim_loads_no_matplotlib_and_pictures_no_pyplot() -> None:
     code = (
         "import sys, didim; assert 'didim.plot' not in sys.modules; didim.plot.torques; didim.report.write; "

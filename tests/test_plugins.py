@@ -123,6 +123,7 @@ def test_it_is_compared_with_the_others(
     assert first == second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("executor", ["process", "dask"])
 def test_a_study_runs_method_and_law_in_other_processes(stranger: Path, executor: str) -> None:
     if executor == "dask":

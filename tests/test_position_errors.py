@@ -75,6 +75,7 @@ def test_readings_that_do_not_show_the_motion_stay_as_they_are() -> None:
     np.testing.assert_array_equal(moved(q[:14]), np.round(q[:14] / STEP) * STEP)  # too short to be filtered
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["planar2", "ur5e-like", "iiwa14-like"])
 def test_coarse_encoders_keep_estimates_and_intervals(arm: str, monkeypatch: pytest.MonkeyPatch) -> None:
     fits = fits_of(arm, 4096)

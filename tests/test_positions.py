@@ -197,6 +197,7 @@ def test_means_of_a_held_reference(lag: float) -> None:
     np.testing.assert_allclose(held.jumps(delay), np.arange(1, 5) / 50.0 + delay)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_drawing")
 def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
     experiment = twin(tmp_path, legs(), commands(6, 8.0, steps=True))
@@ -242,6 +243,7 @@ def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
     assert str(Identification.load(tmp_path / "fit.json")) == text
 
 
+@pytest.mark.slow
 def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
     unknown = (
         "delay_s = { max = 0.05 }\nkp = { start = 12.0 }\nkv = { start = 0.2 }\nsaturation = { start = 6.0 }"
@@ -257,6 +259,7 @@ def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
     assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("unknown", "name", "words", "steps"),
     [
@@ -298,6 +301,7 @@ def test_no_gravity_leaves_the_ratio(tmp_path: Path) -> None:
     assert not fit.verdict.sound
 
 
+@pytest.mark.slow
 def test_rollouts_start_by_themselves_and_a_bad_one_is_left_out(tmp_path: Path) -> None:
     windows = "windows_s = [" + ", ".join(f"[{2 * k}.0, {2 * k + 2}.0]" for k in range(9)) + "]"
     experiment = twin(
@@ -321,6 +325,7 @@ def test_rollouts_start_by_themselves_and_a_bad_one_is_left_out(tmp_path: Path) 
     assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth(tmp_path: Path) -> None:
     inside = []
     for seed in range(6):
@@ -409,6 +414,7 @@ def quadruped(folder: Path, unknown: str, parameters: str = "") -> Identificatio
     return fitted(didim.load_experiment(folder / "go2.toml", data=GO2))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GO2.is_dir(), reason=f"needs the log in {GO2}")
 @pytest.mark.parametrize(
     ("parameters", "unknown", "most_mrad", "most_iterations"),
@@ -442,6 +448,7 @@ def test_a_real_quadruped(
         assert any("RL_calf_joint" in text and "Fc is 1.2" in text for text in fit.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GO2.is_dir(), reason=f"needs the log in {GO2}")
 def test_gains_of_a_real_quadruped_are_ratios(tmp_path: Path) -> None:
     """Free, they end at half of the true 20 N.m/rad: gravity and links hardly show in this motion."""
@@ -464,6 +471,7 @@ def test_check_says_before_the_fit_what_a_log_can_tell(tmp_path: Path) -> None:
     assert not lively.items
 
 
+@pytest.mark.slow
 def test_designed_commands_tell_what_slow_ones_do_not(tmp_path: Path) -> None:
     experiment = twin(tmp_path, ARM.format(option=""), commands(3, 4.0, steps=False))
     motion = excite_positions(experiment, duration_s=8.0)

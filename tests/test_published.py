@@ -163,6 +163,7 @@ def test_tx40_fit(tx40: Identification, oracle: Expected) -> None:
     assert len(tx40.history) == 4
 
 
+@pytest.mark.slow
 def test_a_simulated_log_on_the_way_of_the_measured_one(project: Path, tmp_path: Path) -> None:
     """Files of motors, coupled wrist, filter, two decimations, dead zone, weights, (10): all of it, without measured data."""
     example = project / "examples" / "tx40_log_best.toml"

@@ -35,6 +35,7 @@ def recorded_iterates(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Arra
     return found
 
 
+@pytest.mark.slow
 def test_consistent_didim_converges_where_least_squares_gives_no_robot(
     project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -173,6 +173,7 @@ def test_nothing_is_fetched(pages: dict[str, str], which: str) -> None:
     assert len(html) < 3_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", REPORTS)
 def test_the_same_result_gives_the_same_page(
     pages: dict[str, str], fit: Identification, arm: Experiment, comparison: Comparison, which: str
@@ -356,6 +357,7 @@ def test_recordings_held_out_are_shown() -> None:
     assert "on 'other day', which was held out of the fit, " in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_drawing")
 def test_payloads_and_own_offsets_are_shown_with_their_intervals() -> None:
     experiment = arm_logs([False, True, True], offsets={2: (0.3, -0.2)}, own=("offsets",), noise=(0.3, 0.2))
@@ -463,6 +465,7 @@ def test_a_report_that_cannot_be_written_is_told_before_the_work(
     assert capsys.readouterr().err == "didim: pictures and reports need matplotlib: pip install didim[plot]\n"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_drawing")
 def test_the_example_of_the_page_runs(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (project / "docs" / "reports.md").read_text(encoding="utf-8")
@@ -475,6 +478,7 @@ def test_the_example_of_the_page_runs(project: Path, tmp_path: Path, monkeypatch
     assert sorted(listed) == sorted(set(didim.plot.__all__) - {"require", "svg"})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_causes")
 def test_a_measured_tx40(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
@@ -510,6 +514,7 @@ def test_a_phone_gets_the_columns_of_a_picture_one_below_the_other() -> None:
     assert widths == pytest.approx([100.0 * cut, 100.0 * (1.0 - cut)], abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_phone_gets_the_joints_of_a_picture_in_their_order() -> None:
     """Five joints in two columns, each an upper panel with a title and a lower one: 1 2 3 4 5, not 1 3 5 2 4."""
     figure = style.new_figure(8.0)

@@ -106,6 +106,7 @@ def test_rounded_time_stamps_are_no_contacts(known: didim.Identification) -> Non
     assert residual_torques(known, pushed(log, 3.0, 3.4, 5, 5.0)).windows[0].contacts
 
 
+@pytest.mark.slow
 def test_nothing_touches_a_measured_ur10e(shared: Path) -> None:
     """Its stamps are rounded to 1 ms, 10 % of the velocity: the observer sees 30 N.m of joint 1 in that."""
     file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
@@ -134,6 +135,7 @@ def test_a_payload_that_is_picked_up_is_told_from_a_contact(known: didim.Identif
     assert whole.whole
 
 
+@pytest.mark.slow
 def test_the_payload_that_residual_reports_is_that_of_payload(known: didim.Identification) -> None:
     """Estimate and standard deviations are those of `didim payload`, for a whole log with a load that is not declared."""
     log = loaded(8)

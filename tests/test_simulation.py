@@ -326,6 +326,7 @@ print(json.dumps([loop.n_records, *peaks]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in KiB on Linux")
 def test_the_memory_of_costs_does_not_grow_with_records_times_candidates() -> None:
     code = MEMORY.format(tests=str(__file__).rpartition("/")[0])
@@ -367,6 +368,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_a_long_batch() -> None:
     """Unheard, the batch would go on for a quarter of an hour, and the wait for its end would run out."""
     code = LONG.format(tests=str(__file__).rpartition("/")[0])

@@ -79,6 +79,7 @@ def test_physical_iterations_end_there_too(slack: Experiment) -> None:
     assert distance(fit, end) <= fit.history[-1].more["remaining_sigma"] <= 2.0 * NEAR
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_standard_deviations_are_those_of_the_fixed_point(slack: Experiment) -> None:
     """Errors of eight logs are about one standard deviation, which for some parameters is far from that of a tight loop."""
@@ -157,6 +158,7 @@ def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
     assert any("each step is" in remark or "steps do not shrink" in remark for remark in fit.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there(digital: Experiment) -> None:
     """Conditions hold directions that the motion follows, and Newton's method knows it.
@@ -172,6 +174,7 @@ def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there(digital: Experimen
     assert fit.history[-1].more["remaining_sigma"] <= 1.5 * NEAR
 
 
+@pytest.mark.slow
 def test_a_reversed_torque_ends_the_run_soon(digital: Experiment) -> None:
     """Each iteration of such a run is farther from the log than the one before; it went on to the limit of iterations."""
     (recording,) = digital.recordings

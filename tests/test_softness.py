@@ -87,6 +87,7 @@ def test_the_default_softness_is_simulated(tmp_path: Path) -> None:
         assert of(fit, kind) == pytest.approx([value] * 2, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("soft", "compiled"),
     [
@@ -154,6 +155,7 @@ def test_an_estimated_softness_is_exported_and_replayed(tmp_path: Path) -> None:
     assert position_errors(replays)["log"] == pytest.approx(list(np.array(replay.own)), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.002, 0.05])
 def test_a_smooth_sign_of_another_width_is_near_its_intervals(tmp_path: Path, speed: float) -> None:
     """No law of the search is this friction: estimates are 1 to 2 % off, at most 1.5 half widths of their intervals."""

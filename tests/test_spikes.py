@@ -126,6 +126,7 @@ def test_check_names_spikes_and_the_cure(log: didim.Experiment, monkeypatch: pyt
     assert not [item for item in didim.check(cured) if item.kind == "spikes"]
 
 
+@pytest.mark.slow
 def test_didim_and_a_prediction_see_the_same_torques(log: didim.Experiment) -> None:
     spoiled = planted(log, 0.005)
     fit = didim.identify(replace(spoiled, signal=replace(spoiled.signal, spikes="hampel")), didim.DIDIM())

@@ -235,6 +235,7 @@ def errors(fit: didim.Identification, robot: Robot, x: np.ndarray) -> np.ndarray
     return np.asarray((fit.beta - want) / fit.std)
 
 
+@pytest.mark.slow
 def test_the_palletiser_of_the_page_is_identified() -> None:
     """The model without the cylinder fails; with it, errors are as large as sigma says, by all three methods."""
     page = palletiser()

@@ -76,6 +76,7 @@ def drives_are_true(fit: didim.Identification, share: float) -> None:
         np.testing.assert_allclose(values, ARM_TRUTH[key], rtol=share)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranges", [True, False])
 def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
     """A gripper commanded beyond its end half of the time, with an end that the file has, or not."""
@@ -117,6 +118,7 @@ def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
         didim.identify(logged(tmp_path, r, arm_text()), CLOE(threads=1), verbose=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("push", "begin", "end"),
     [
@@ -153,6 +155,7 @@ def test_larger_errors_of_faster_motions_are_no_pushes() -> None:
     assert 1175 <= found[0] < found[1] <= 1325  # the strongest block and those beside it
 
 
+@pytest.mark.slow
 def test_friction_that_changes_makes_a_result_doubtful(tmp_path: Path) -> None:
     """A joint whose damping and friction are larger in the second half of the log: no single value is true."""
     r, step_s = commands([0.0] * 4, seconds=20.0), 2.5e-4
@@ -172,6 +175,7 @@ def test_friction_that_changes_makes_a_result_doubtful(tmp_path: Path) -> None:
     assert "Fv2" in finding.parameters or "Fc2" in finding.parameters
 
 
+@pytest.mark.slow
 def test_right_logs_have_no_change(tmp_path: Path) -> None:
     fit = didim.identify(
         logged(tmp_path, commands([0.0] * 4, seconds=16.0), arm_text()), CLOE(threads=1), verbose=False

@@ -233,6 +233,7 @@ def wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 def test_a_study_that_is_killed_twice_has_the_same_rows(expected: list[str], tmp_path: Path) -> None:
     rows = tmp_path / "rows.jsonl"

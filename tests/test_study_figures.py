@@ -191,6 +191,7 @@ def test_tables() -> None:
     assert "| 1e-05 rad, fast | method 0 | 9 | 1 |" in markdown
 
 
+@pytest.mark.slow
 def test_chosen_columns_stand_in_every_table() -> None:
     study = results().with_columns("seconds", "torque error %", "rms")
     assert study.head == ("method", "seconds", "torque error %", "rms")
@@ -267,6 +268,7 @@ def test_pictures_of_nothing_are_refused() -> None:
         errors(results(), "signal.cutoff_hz")
 
 
+@pytest.mark.slow
 def test_the_report_has_tables_pictures_and_failures() -> None:
     page = render(results())
     assert page == render(results())

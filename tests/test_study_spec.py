@@ -214,6 +214,7 @@ def test_the_page_explains_every_column(project: Path) -> None:
     assert explained >= set(HEAD) - {"method"}
 
 
+@pytest.mark.slow
 def test_the_benchmark_has_the_15_scenarios_and_one_more(project: Path) -> None:
     spec = load_study(project / "examples" / "study_tx40.toml")
     check_study(spec)

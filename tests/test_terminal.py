@@ -137,6 +137,7 @@ def test_a_pipe_gets_lines_as_they_are(
     assert shown("a\nVerdict: b", verdict) == "a\nVerdict: b"
 
 
+@pytest.mark.slow
 def test_a_terminal_has_width_and_colours() -> None:
     text = on_terminal("robots", width=70)
     assert longest(text) <= 70

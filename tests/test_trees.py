@@ -293,6 +293,7 @@ def test_every_method_gives_the_parameters_of_a_tree_back(tmp_path: Path) -> Non
         assert np.abs(fit.beta - truth).max() < tolerance * scale, method
 
 
+@pytest.mark.slow
 def test_a_load_on_a_limb_is_found_with_and_without_a_table(tmp_path: Path) -> None:
     robot = made(tmp_path, legs(2, 3)).with_friction(smoothing_rad_s=0.02, coulomb="tanh")
     x = robot.parameter_set("urdf").copy()
@@ -340,6 +341,7 @@ def test_a_tree_may_be_taken_in_part(tmp_path: Path) -> None:
     assert locked.geometry.parents[:3] == (None, 0, None)
 
 
+@pytest.mark.slow
 def test_tiago_without_its_wheels(shared: Path) -> None:
     path = shared / "data" / "tiago" / "tiago_48_hey5.urdf"
     whole = didim.load_robot(path)
@@ -380,6 +382,7 @@ def test_a_tree_is_described_with_what_its_joints_stand_on(
     assert on == ["base", "1", "2", "base", "4", "5"]
 
 
+@pytest.mark.slow
 def test_the_page_on_trees_is_run(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -412,6 +415,7 @@ LEG = """<body name="{leg}_hip" pos="{x} {y} 0"><joint name="{leg}_hip_joint" ax
 <body name="{leg}_foot" pos="0 0 -0.2"/></body></body></body>"""
 
 
+@pytest.mark.slow
 def test_the_commands_of_legs_in_the_air(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -483,6 +487,7 @@ def test_legs_in_the_air_are_solved_one_by_one(tmp_path: Path) -> None:
         np.testing.assert_allclose(by_itself.relative_error, fit.relative_error[own], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_tiago_by_its_three_files(
     shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def same(printed: str, written: str) -> None:
         assert float(one) == pytest.approx(float(other), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_from_a_log_to_parameters(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -100,6 +101,7 @@ def test_from_a_log_to_parameters(
     same(capsys.readouterr().out.rstrip(), "\n".join(line[4:] for line in block.rstrip().splitlines()))
 
 
+@pytest.mark.slow
 def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = project / "docs" / "new_robot.md"
     text = page.read_text(encoding="utf-8")

@@ -93,6 +93,7 @@ def test_the_other_kinds_are_those_of_the_noise(log: Experiment) -> None:
         )
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth(arm: Experiment, truth: Array) -> None:
     covered, ratios = [], []
     for seed in range(12):

@@ -17,6 +17,8 @@ from didim.cli.main import main
 from scripts import script
 from test_tutorials import commands, run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

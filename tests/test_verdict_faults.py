@@ -90,6 +90,7 @@ def test_a_wrong_closed_loop_is_named(sound: dict[str, Log], title: str) -> None
     assert reason.grade == "wrong"
 
 
+@pytest.mark.slow
 def test_a_torque_fed_forward_is_that_of_the_measured_motion() -> None:
     """The parameters of DIDIM under the wrong law explain it worse than gains ten times too high do."""
     arm = INDEPENDENT["tx40-like"]

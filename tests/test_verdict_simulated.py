@@ -46,6 +46,7 @@ def test_a_right_loop_moves_as_measured_with_a_slope_of_one(sound: Log) -> None:
     np.testing.assert_allclose(other.error, other.torque)
 
 
+@pytest.mark.slow
 def test_cloe_with_gains_one_percent_low_is_doubted_by_the_slope(sound: Log) -> None:
     """Every parameter of such a fit is 1 % off, and the fit converges."""
     one = Fault("kp and kv 1 % low", ("torque-slope",), plant=_controller(_both(0.99)))
@@ -117,6 +118,7 @@ def _both(share: float):  # type: ignore[no-untyped-def]
     return change
 
 
+@pytest.mark.slow
 def test_didim_with_a_wrong_loop_is_compared_with_idim_ls(sound: Log) -> None:
     assert "worse-than-idim-ls" in found_in(
         planted(sound, Fault("kp", (), plant=_controller(_stiffer(0.64))), 0), didim.DIDIM()

@@ -45,6 +45,7 @@ def exchanged(one: int, other: int) -> Edit:
     return lambda text: text.replace(f"columns = {list(range(14, 20))}", f"columns = {columns}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "edit", "code", "joints"),
     [
