@@ -131,7 +131,7 @@ def test_its_numbers_are_those_of_the_pages() -> None:
 def test_its_make_targets_exist() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = re.findall(r"^    make (\w+) ", README, flags=re.MULTILINE)
-    assert targets == ["demo", "wheel"]
+    assert targets == ["demo", "test", "wheel"]
     for target in targets:
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
 
