@@ -226,7 +226,7 @@ PYTHON = (
         "python/didim/methods/didim/globalisation.py",
         "after <= RISE * cost",
         "after <= 1e9 * cost",
-        "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
+        "tests/test_turning_points_of_searches.py",
     ),
     Mutation(
         "what is left of a contraction is called smaller than it is",
@@ -240,14 +240,14 @@ PYTHON = (
         "python/didim/evidence/residual.py",
         "LARGER = 1.5",
         "LARGER = 3.0",
-        "tests/test_verdict_simulated.py",
+        "tests/test_turning_points.py",
     ),
     Mutation(
         "records of a digital controller are not late by its hold",
         "python/didim/evidence/loop/law_rows.py",
         "return digital.sample_time_s * digital.delay_samples + held",
         "return digital.sample_time_s * digital.delay_samples",
-        "tests/test_verdict_faults.py",
+        "tests/test_turning_points_of_evidence.py",
     ),
 )
 

@@ -77,6 +77,14 @@ def test_rows_of_a_law_leave_out_twelve_samples(trim: int, cut: int) -> None:
     assert rows[[0, -1], 0].tolist() == [cut, 99 - cut]
 
 
+@pytest.mark.parametrize(("rate_hz", "lag_s"), [(250.0, 0.008), (1000.0, 0.0095), (100.0, 0.008)])
+def test_records_between_two_outputs_are_late_by_half_of_their_hold(rate_hz: float, lag_s: float) -> None:
+    rows = object.__new__(LawRows)
+    rows.controller = stub(digital=didim.loop.Digital(sample_time_s=0.004, delay_samples=2))
+    rows.rate_hz = rate_hz
+    assert rows.declared_lag_s == pytest.approx(lag_s)
+
+
 def rows_of_a_log(joints: int = 1) -> Any:
     part = stub(q=np.ones((9, joints)), dq=np.ones((9, joints)), ddq=np.ones((9, joints)))
     products = stub(seen=lambda: np.ones(joints), g=np.ones((joints, 1, 1, 1)), scale=np.ones(1))

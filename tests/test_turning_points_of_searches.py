@@ -64,6 +64,21 @@ def test_a_secant_step_is_halved_four_times() -> None:
     assert simulator.tried == [1.0, 0.5, 0.25, 0.125, 0.0625]
 
 
+@pytest.mark.parametrize(("rise", "length"), [(1.015, 1.0), (1.025, 0.5)])
+def test_a_secant_step_may_raise_the_cost_by_two_percent(rise: float, length: float) -> None:
+    """The cost is 1 at the iterate and after half of the step, and `rise` after all of it."""
+    steps = stub(
+        simulator=stub(simulate=lambda x: stub(x=x), choose_steps=lambda x: None),
+        method=stub(sigma_fraction=0.1),
+        _cost=lambda simulated, weights: rise if simulated.x[0] == 1.0 else 1.0,
+    )
+    solved = stub(fit=stub(weights=np.ones(1)), system=stub(joints=[slice(0, 1)]), target=np.ones(1))
+    iterate = stub(x=np.zeros(1), simulated=stub(x=np.zeros(1), scale=None), iteration=0)
+    found, after = SecantSteps._advance(steps, iterate, cast(Any, solved), 1.0, 9.0)
+    assert found == length
+    assert cast(Any, after).x == pytest.approx([length])
+
+
 @pytest.mark.parametrize(("fall", "again"), [(0.8e-6, False), (1.2e-6, True)])
 def test_a_restart_of_a_simplex_that_was_worth_it(fall: float, again: bool) -> None:
     def edged(point: object, norm: float) -> None:
