@@ -231,7 +231,7 @@ def off_rms(comparison: Comparison, method: str) -> float:
 def off_explained(comparison: Comparison) -> str:
     """Explain the column ``off``, with the number of entries beyond `FAR` that chance explains.
 
-    All methods of a table have the same jackknife blocks, so the fewest degrees of freedom are used.
+    Where the methods differ in their degrees of freedom the fewest are used.
     """
     known = [
         fit.uncertainty.degrees_of_freedom for fit in comparison.fits.values() if fit.uncertainty is not None
