@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import pytest
 
-from contract import CHECKS, Contract, check_method, covers_the_truth
+from contract import CHECKS, Contract, check_method
 from didim import CLOE, DIDIM, IDIMIV, IDIMLS, Experiment, Identification
 from didim.methods.method import Motion
 from didim.methods.table import METHODS
@@ -38,11 +38,7 @@ METHODS_UNDER_CONTRACT: dict[str, Contract] = {
 }
 
 
-@pytest.mark.parametrize(
-    "check",
-    [pytest.param(check, marks=pytest.mark.slow) if check is covers_the_truth else check for check in CHECKS],
-    ids=lambda check: check.__name__,
-)
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", METHODS_UNDER_CONTRACT)
 def test_a_method_keeps(name: str, check: Callable[[Contract], None]) -> None:
     check(METHODS_UNDER_CONTRACT[name])

@@ -164,7 +164,7 @@ def spread_of_factors(
     chosen = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
     decisive = chosen.decisive
     longer = independent(factors, blocks, parts, every)
-    spread = np.where(longer.decisive < 0, np.diag(longer.covariance), np.diag(every.covariance))
+    spread = _with_single_blocks(np.diag(longer.covariance), np.diag(every.covariance), longer.decisive)
     variances = _with_single_blocks(spread[:n], np.diag(covariance), decisive)
     fewer = len(longer.deletions)
     return Spread(
@@ -197,7 +197,7 @@ def _remarks(rows: int, columns: int, wanted: int, m: int, fewer: int) -> Iterat
 
 
 def _with_single_blocks(several: Array, noise: Array, decisive: NDArray[np.intp]) -> Array:
-    """Return variances of the jackknife, and those of noise, enlarged by the median ratio of both, where one block decides."""
+    """Return variances of the jackknife, and others, as of noise, enlarged by the median ratio of both, where one block decides."""
     known = (decisive < 0) & (noise > 0.0)
     usual = max(1.0, float(np.median(several[known] / noise[known]))) if known.any() else 1.0
     return np.where(decisive < 0, several, usual * noise)

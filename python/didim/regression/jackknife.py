@@ -40,7 +40,7 @@ DECISIVE_SHARE = 0.9
 """Share of the information on a parameter in one block from which that block determines it. Without it the standard deviation
 is three times as large, and the spread of the estimates rests on a single number."""
 CORRELATED = 1.645
-"""Correlation of neighbouring blocks, over its standard error, above which blocks are doubled; independent: 5 % exceed it."""
+"""Correlation of neighbouring blocks, over its standard error, above which blocks are doubled: 5 % of independent ones at most."""
 LARGEST_EIGENVALUE = 1.0 - 1e-9
 """Eigenvalue of ``Q_i^T Q_i`` from which the other blocks do not determine a direction: the estimate then stays unchanged
 there."""
@@ -296,12 +296,14 @@ def independent(
     Errors of a model that last longer than an interval make neighbours err alike, and the jackknife too narrow. With the scores
     ``u_i = Q_i^T rho_i`` the correlation of neighbours in a window, over its standard error, is
     ``sum_i u_i^T u_(i+1) / sqrt(sum_i (u_i^T u_(i+1))^2)``: random signs of the intervals, which independence allows, give it a
-    mean of zero and a variance of one. Above `CORRELATED` intervals are doubled; at least `FEWEST_BLOCKS` remain.
+    mean of zero and a variance of one. The mean of the scores is subtracted: a least-squares solution has none, which makes the
+    correlation somewhat negative. Above `CORRELATED` intervals are halved in number; at least `FEWEST_BLOCKS` remain.
     """
     while len(parts) >= 2 * FEWEST_BLOCKS:
         windows = np.array([(part.recording, part.window) for part in parts])
         same = (windows[1:] == windows[:-1]).all(axis=1)
-        products = np.sum(deleted.scores[1:] * deleted.scores[:-1], axis=1)[same]
+        scores = deleted.scores - deleted.scores.mean(axis=0)
+        products = np.sum(scores[1:] * scores[:-1], axis=1)[same]
         fewer = intervals(blocks, len(parts) // 2)
         if products.sum() <= CORRELATED * np.linalg.norm(products) or len(fewer) == len(parts):
             break

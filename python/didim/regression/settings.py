@@ -36,7 +36,7 @@ class LeastSquaresSettings:
         Standard deviations from leaving out blocks of time, which include correlated model errors; for white noise after
         decimation, with a variance per joint if the weights are; or (10) with the `variance` of (9), as in published figures.
     blocks : int
-        Number of time blocks of the jackknife, at least 2; fewer if there are few rows.
+        Number of time blocks of the jackknife, at least 2; fewer if there are few rows, or where errors outlast blocks.
 
     Raises
     ------

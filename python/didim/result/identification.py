@@ -208,7 +208,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
         Notes
         -----
-        The degrees of freedom of Student's distribution are the blocks less one, or the rows less the parameters
+        The degrees of freedom of Student's distribution are the independent blocks less one, or the rows less the parameters
         (`didim.result.uncertainty`). ``test_uncertainty.py`` checks the coverage.
         """
         return self._estimates(level).interval

@@ -68,8 +68,8 @@ class Uncertainty(Pickled):
     kind : {"jackknife", "decimated", "white", "correlated", "draws"}
         Source of the standard deviations.
     degrees_of_freedom : float
-        Degrees of freedom of Student's distribution for the intervals: blocks less one, or rows less parameters; for draws
-        those of the estimate.
+        Degrees of freedom of Student's distribution for the intervals: independent blocks less one, or rows less parameters; for
+        draws those of the estimate.
     std_white : ndarray, shape (b,)
         Standard deviations (10), as if the errors of all rows were independent; zero for fixed and dropped parameters.
     joint_std : ndarray, shape (n_dof,)
