@@ -19,7 +19,7 @@ export NO_MKDOCS_2_WARNING := 1
 
 help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
-	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
+	@echo "make test    the Python tests but for the slow ones (the Rust tests are: cargo test --release)"
 	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
@@ -55,7 +55,7 @@ demo: $(VENV)/.built
 	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow and not tools'
 
 test-slow: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
@@ -70,7 +70,7 @@ test-machines: $(VENV)/.built $(VENV)/.group-test
 # Branches too; fails under the share in pyproject.toml.
 coverage: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -m 'not tools'
+	$(BIN)/coverage run -m pytest
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 

@@ -91,7 +91,7 @@ def kernels_taken(kernel: str) -> dict[str, str] | None:
 
 def run_tests(kernel: str, tests: Sequence[str]) -> Tests:
     """Run pytest under a kernel."""
-    run = child(["-m", "pytest", "-m", "not tools", "-q", "-p", "no:cacheprovider", *tests], kernel)
+    run = child(["-m", "pytest", "-q", "-p", "no:cacheprovider", *tests], kernel)
     last = run.stdout.strip().splitlines()[-1:] or [""]
     counts = {what: int(count) for count, what in re.findall(r"(\d+) (passed|failed|skipped|error)", last[0])}
     return Tests(run.returncode, counts, run.stdout + run.stderr)

@@ -168,17 +168,7 @@ def run(combination: Combination, tests: Sequence[str], processes: int, project:
         versions = versions_of(environment)
         if combination.packages and versions == versions_of(os.environ):
             return Outcome(versions, reason="the same versions are installed: nothing else to run")
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-m",
-            "not tools",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            f"--junitxml={report}",
-        ]
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={report}"]
         if processes > 1:
             command += ["-n", str(processes), "--dist", "worksteal"]
         if combination.busy:

@@ -302,18 +302,7 @@ def run(folder: Path, tests: Sequence[str], rust: bool, seconds: float | None = 
         command = ["cargo", "test", "--release", *tests]
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-m",
-            "not tools",
-            "-p",
-            "no:cacheprovider",
-            *tests,
-        ]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         pattern = r"^FAILED (.+?::.+?)(?: - .*)?$|^ERROR (.*)"
     if seconds is not None:
         # Of the processor: other programs may share it.

@@ -46,7 +46,7 @@ def record() -> None:
     """Run the whole suite under coverage; SystemExit where a test fails."""
     LINES.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "coverage", "run", "--rcfile=", "--source=didim", f"--data-file={LINES}"]
-    command += ["-m", "pytest", "-m", "not tools", "-q", "-p", "no:cacheprovider", "-p", "reach"]
+    command += ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "reach"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
     done = subprocess.run(command, cwd=PROJECT, env=environment, check=False)
     if done.returncode:

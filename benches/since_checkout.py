@@ -29,8 +29,7 @@ def deadlines() -> str:
 
 def outcome_of(name: str, prefix: Sequence[str] = (), environment: dict[str, str] | None = None) -> str:
     """Run tests of this checkout."""
-    pytest = ["-m", "pytest", "-m", "not tools", "-q", "-n", "0", "-p", "no:cacheprovider"]
-    line = [*prefix, sys.executable, *pytest, *name.split()]
+    line = [*prefix, sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *name.split()]
     child = subprocess.run(
         line, cwd=TREE, env=os.environ | (environment or {}), capture_output=True, text=True, check=False
     )

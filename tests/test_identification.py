@@ -171,7 +171,7 @@ def test_table() -> None:
         "",
         "condition number 25.9883, error norm 108.7569, standard deviation of the error 2.1843, 2480 rows",
         "sigma by the jackknife, 4 blocks of time left out one at a time; median 1.08 times that of white noise",
-        "only the rows of 0 to 0.5 s of window 2 of recording 1 determine XY2: sigma is a guess, noise scaled",
+        "only the rows of 0 to 0.5 s of window 2 of recording 1 determine XY2: sigma is a guess from noise",
         "torque recorded +1.50 samples (+1.500 ms) after the motion, by estimate",
         "torque moved back by 1.5 samples",
         "",

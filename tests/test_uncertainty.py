@@ -157,7 +157,7 @@ def test_a_parameter_of_one_block_alone_is_named() -> None:
     assert ratios[1] == pytest.approx((ratios[0] + ratios[2]) / 2)
     assert not np.isclose(ratios[0], 1.0)
     lines = spread.uncertainty.lines(np.sqrt(np.diag(spread.covariance)))
-    assert "only the rows of 0 to 1 s determine B: sigma is a guess, noise scaled" in lines
+    assert "only the rows of 0 to 1 s determine B: sigma is a guess from noise" in lines
 
 
 def test_errors_that_outlast_blocks_are_a_remark() -> None:
@@ -171,7 +171,7 @@ def test_errors_that_outlast_blocks_are_a_remark() -> None:
     fewer = int(spread.uncertainty.degrees_of_freedom) + 1
     assert (len(spread.uncertainty.deletions), fewer <= 10) == (20, True)
     assert spread.remarks == (
-        f"errors of the model last longer than a block: the jackknife takes {fewer} blocks of time instead of 20",
+        f"neighbouring blocks of time err alike: the jackknife takes {fewer} blocks instead of 20",
     )
     assert f"by the jackknife, {fewer} blocks" in spread.uncertainty.origin
 
@@ -210,9 +210,9 @@ def test_real_tx40_sigmas_are_twice_those_of_noise(project: Path, shared: Path) 
     assert not fit.uncertainty.single_block
 
 
-@pytest.mark.parametrize(("pieces", "largest"), [(2, 1.2), (3, 1.2)])
+@pytest.mark.parametrize(("pieces", "smallest", "largest"), [(2, 0.85, 1.2), (3, 0.75, 1.2)])
 def test_parts_of_the_real_tx40_log_agree_within_their_sigmas(
-    project: Path, shared: Path, pieces: int, largest: float
+    project: Path, shared: Path, pieces: int, smallest: float, largest: float
 ) -> None:
     experiment = load_experiment(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
     (recording,) = experiment.recordings
@@ -223,7 +223,8 @@ def test_parts_of_the_real_tx40_log_agree_within_their_sigmas(
     ]
     pairs = [(fits[i], fits[j]) for i in range(pieces) for j in range(i)]
     z = np.array([(a.beta - b.beta) / np.hypot(_of_noise(a), _of_noise(b)) for a, b in pairs])
-    assert 0.75 < np.sqrt(np.mean(z**2)) < largest
+    # Of three parts one has longer blocks, which widens its deviations: 0.80.
+    assert smallest < np.sqrt(np.mean(z**2)) < largest
     assert np.mean(np.abs(z) < 1.96) >= 0.9
     # The shift of friction that the model lacks is on top: the parts share that error.
     reported = np.array([(a.beta - b.beta) / np.hypot(a.std, b.std) for a, b in pairs])

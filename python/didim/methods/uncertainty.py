@@ -164,8 +164,8 @@ def spread_of_factors(
     chosen = replace(every, deletions=every.deletions[:, :n], information=every.information[:, :n])
     decisive = chosen.decisive
     longer = independent(factors, blocks, parts, every)
-    spread = _with_single_blocks(np.diag(longer.covariance), np.diag(every.covariance), longer.decisive)
-    variances = _with_single_blocks(spread[:n], np.diag(covariance), decisive)
+    several = _with_single_blocks(np.diag(longer.covariance), np.diag(every.covariance), longer.decisive)
+    variances = _with_single_blocks(several[:n], np.diag(covariance), decisive)
     fewer = len(longer.deletions)
     return Spread(
         rescaled(covariance, variances),
@@ -187,7 +187,7 @@ def spread_of_factors(
 def _remarks(rows: int, columns: int, wanted: int, m: int, fewer: int) -> Iterator[str]:
     """Yield what the jackknife says of itself: of m blocks where so many were wanted, and of fewer that are independent."""
     if fewer < m:
-        yield f"errors of the model last longer than a block: the jackknife takes {fewer} blocks of time instead of {m}"
+        yield f"neighbouring blocks of time err alike: the jackknife takes {fewer} blocks instead of {m}"
     if m < wanted:
         yield f"the log has {counted(rows, 'row')}: the jackknife takes {m} blocks of time instead of {wanted}"
     if rows * (m - 1) / m < FEW_ROWS * columns:
@@ -196,11 +196,11 @@ def _remarks(rows: int, columns: int, wanted: int, m: int, fewer: int) -> Iterat
         )
 
 
-def _with_single_blocks(several: Array, noise: Array, decisive: NDArray[np.intp]) -> Array:
-    """Return variances of the jackknife, and others, as of noise, enlarged by the median ratio of both, where one block decides."""
-    known = (decisive < 0) & (noise > 0.0)
-    usual = max(1.0, float(np.median(several[known] / noise[known]))) if known.any() else 1.0
-    return np.where(decisive < 0, several, usual * noise)
+def _with_single_blocks(several: Array, other: Array, decisive: NDArray[np.intp]) -> Array:
+    """Return variances of several blocks, (b,), and where one block decides other variances times the median ratio of both."""
+    known = (decisive < 0) & (other > 0.0)
+    usual = max(1.0, float(np.median(several[known] / other[known]))) if known.any() else 1.0
+    return np.where(decisive < 0, several, usual * other)
 
 
 def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Selection) -> Spread:

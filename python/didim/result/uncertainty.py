@@ -138,7 +138,7 @@ class Uncertainty(Pickled):
         for block in sorted(set(self.single_block.values())):
             names = series(name for name, number in self.single_block.items() if number == block)
             lines.append(
-                f"only the rows of {self.blocks[block]} determine {names}: sigma is a guess, noise scaled"
+                f"only the rows of {self.blocks[block]} determine {names}: sigma is a guess from noise"
             )
         return [*lines, *self._position_lines(std), *self._friction_lines(std), *self.exchange_lines()]
 
