@@ -123,7 +123,7 @@ def test_a_log_that_identifies_nothing_is_not_sound(sound: Log) -> None:
     fit = identify(short)
     assert not fit.verdict.sound
     (finding,) = [item for item in fit.verdict.grave if item.code == "unidentified"]
-    assert finding.value is None or finding.value > 0.3
+    assert finding.value is None or finding.value > SIZE_DOUBTFUL
     assert finding.parameters
     assert "unidentified" not in codes(identify(log))
 

@@ -122,8 +122,8 @@ def test_whiteness_sums_twenty_lags_and_says_nothing_on_fewer_than_three() -> No
 
 def test_uses() -> None:
     fit = stub(roles=["estimated"] * 2, relative_std_percent=np.array([19.0, 21.0]), names=("ZZ1", "MX1"))
-    assert _uncertain(fit, Spread(1.0, 0.29, 0.0)) == []
-    (found,) = _uncertain(fit, Spread(1.0, 0.31, 0.0))
+    assert _uncertain(fit, Spread(1.0, 0.049, 0.0)) == []
+    (found,) = _uncertain(fit, Spread(1.0, 0.051, 0.0))
     assert found.parameters == ("MX1",)
     assert not _gravity(Spread(1.0, 0.1, 0.9e-6), 0.0, "").fit_for
     assert _gravity(Spread(1.0, 0.1, 1.1e-6), 0.0, "").fit_for

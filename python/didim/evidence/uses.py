@@ -26,7 +26,7 @@ from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from .residual import Residual
-from .thresholds import KNOWN_PERCENT, UNCERTAIN_SHARE
+from .thresholds import KNOWN_PERCENT, SIZE_DOUBTFUL
 
 STATES = 300
 """Number of random states of the motions."""
@@ -193,7 +193,7 @@ def combined(missed: float, spread: float, evidence: str) -> tuple[float, str]:
 
 def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:
     """Return a finding where the uncertainty of the parameters alone makes more of the torques than a user can take."""
-    if not moving.share > UNCERTAIN_SHARE:
+    if not moving.share > SIZE_DOUBTFUL:
         return []
     roles = np.array([role == "estimated" for role in fit.roles])
     percent = np.nan_to_num(fit.relative_std_percent, nan=np.inf)
@@ -205,7 +205,7 @@ def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:
             parameters=tuple(poor),
             value=moving.share if np.isfinite(moving.share) else None,
             effect=moving.share if np.isfinite(moving.share) else None,
-            facts={"count": len(poor), "of": int(roles.sum())},
+            facts={"count": len(poor), "of": int(roles.sum()), "limit": SIZE_DOUBTFUL},
         )
     ]
 

@@ -244,7 +244,8 @@ _LACKS = "look for what the model lacks (elasticity, a counterbalance, cross-tal
 def _uncertain(f: Finding) -> str:
     return (
         f"along motions like those of the log the uncertainty of the parameters alone makes {percent(_value(f))} % of the "
-        f"torques: {f.facts['count']} of {f.facts['of']} parameters are known to no better than 20 %"
+        f"torques (sound: up to {percent(f.facts['limit'])} %): {f.facts['count']} of {f.facts['of']} parameters are known to no "
+        "better than 20 %"
     )
 
 
