@@ -15,12 +15,12 @@ from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder, expanded
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
+from plain import fake_robot
 from tables import experiment_table
-from test_recording import FakeRobot
 
 Array = NDArray[np.float64]
 JOINTS = ("shoulder", "elbow")
-ROBOT = FakeRobot(joint_names=JOINTS)
+ROBOT = fake_robot(joint_names=JOINTS)
 N = 400
 
 
@@ -134,7 +134,7 @@ def sources(
     }
 
 
-def read(folder: Path, content: dict[str, Any], robot: FakeRobot = ROBOT) -> Recording:
+def read(folder: Path, content: dict[str, Any], robot: Any = ROBOT) -> Recording:
     part = experiment_table("recording", content)
     return read_recording(part, "run", robot, None, DataFolder(folder))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +15,19 @@ from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
 from didim.robot.robot import JointLimits
+from plain import fake_robot
 from tables import experiment_table
-from test_recording import FakeRobot
 
 FPS = 30
 EPISODES = (40, 25, 60)
 MOTORS = ["shoulder_pan.pos", "gripper.pos"]
 
 
-@dataclass(frozen=True)
-class Arm(FakeRobot):
-    """A joint and a gripper."""
-
-    joint_names: tuple[str, ...] = ("shoulder_pan", "gripper")
-    limits: tuple[JointLimits, ...] = (JointLimits(position=(-2.0, 2.0)), JointLimits(position=(-0.2, 1.8)))
+ARM = fake_robot(
+    joint_names=("shoulder_pan", "gripper"),
+    limits=(JointLimits(position=(-2.0, 2.0)), JointLimits(position=(-0.2, 1.8))),
+)
+"""A joint and a gripper."""
 
 
 def frames() -> dict[str, np.ndarray]:
@@ -96,7 +94,7 @@ def sources(**more: Any) -> dict[str, Any]:
 
 def read(folder: Path, content: dict[str, Any]) -> Recording:
     table = experiment_table("recording", content, "arm.toml")
-    return read_recording(table, "recording 1", Arm(), None, DataFolder(folder))
+    return read_recording(table, "recording 1", ARM, None, DataFolder(folder))
 
 
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
@@ -154,7 +152,7 @@ def test_wrong_rollouts_are_refused(tmp_path: Path, change: dict[str, Any], mess
 def test_percent_needs_limits(tmp_path: Path) -> None:
     dataset(tmp_path / "arm", "v2.1")
     table = experiment_table("recording", sources(), "arm.toml")
-    robot = FakeRobot(joint_names=("shoulder_pan", "gripper"))
+    robot = fake_robot(joint_names=("shoulder_pan", "gripper"))
     with pytest.raises(ExperimentError, match="unit 'percent' needs the limits of joint 2"):
         read_recording(table, "recording 1", robot, None, DataFolder(tmp_path))
 

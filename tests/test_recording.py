@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +19,12 @@ from didim.log.data_format import LOST_SAMPLE
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording, read_reduction
 from didim.log.sampling import check_time
+from plain import fake_robot
 from tables import experiment_table
 
 Array = NDArray[np.float64]
 N = 50
 RATE = 1000.0
-
-
-@dataclass(frozen=True)
-class FakeRobot:
-    """What a recording needs of a robot."""
-
-    name: str = "arm"
-    joint_kinds: Sequence[str] = ("revolute", "revolute")
-    joint_names: Sequence[str] = ()
-    gains: tuple[float, ...] | None = None
 
 
 def motion() -> tuple[Array, Array, Array]:
@@ -54,11 +43,11 @@ def write_csv(path: Path, names: str | None, *columns: Array, delimiter: str = "
 def read(
     folder: Path,
     content: dict[str, Any],
-    robot: FakeRobot | None = None,
+    robot: Any = None,
     reduction: Array | None = None,
 ) -> Recording:
     table = experiment_table("recording", content)
-    return read_recording(table, "run 1", robot or FakeRobot(), reduction, DataFolder(folder))
+    return read_recording(table, "run 1", robot or fake_robot(), reduction, DataFolder(folder))
 
 
 def described(file: str, **keys: Any) -> dict[str, Any]:
@@ -166,12 +155,12 @@ def test_units_and_motor_side(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.q_ref, recording.q)
     # The gains of the robot stand in for those of the table.
     del content["torque"]["gain"]
-    again = read(tmp_path, content, FakeRobot(gains=(2.0, -0.5)), reduction)
+    again = read(tmp_path, content, fake_robot(gains=(2.0, -0.5)), reduction)
     np.testing.assert_array_equal(again.tau, recording.tau)
     # They are the motors': a current given as joint side, behind a reduction, has to say its own.
     content["torque"]["side"] = "joint"
     expected = "log.toml: [recording.torque] unit 'A' needs the drive gain: gain = number or list of 2"
-    assert message(tmp_path, content, robot=FakeRobot(gains=(2.0, -0.5)), reduction=reduction) == expected
+    assert message(tmp_path, content, robot=fake_robot(gains=(2.0, -0.5)), reduction=reduction) == expected
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("deg", math.pi / 180), (["rad", "deg"], [1, math.pi / 180])])
@@ -734,7 +723,7 @@ def test_the_logs_of_the_tx40_and_the_emps(shared: Path) -> None:
     position = {"file": "motor_position.csv", "unit": "rad", "side": "motor"}
     reduction = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
     reduction[5, 4] = 32.0
-    robot = FakeRobot("tx40", ("revolute",) * 6)
+    robot = fake_robot("tx40", ("revolute",) * 6)
     recording = read(shared / "data" / "tx40", {"rate_hz": 5000, "position": position}, robot, reduction)
     assert recording.q.shape == (45000, 6)
     expected = [0.0, math.pi / 2, -math.pi / 2, 0.0, 0.0, 0.0]
@@ -749,14 +738,14 @@ def test_the_logs_of_the_tx40_and_the_emps(shared: Path) -> None:
             "position": {"file": file, "variable": "qm", "unit": "m", "side": "joint"},
             "torque": {"file": file, "variable": "vir", "unit": "V", "gain": 35.15, "side": "joint"},
         },
-        FakeRobot("emps", ("prismatic",)),
+        fake_robot("emps", ("prismatic",)),
     )
     assert emps.q.shape == (24841, 1)
     assert emps.tau is not None
     assert np.abs(emps.tau).max() < 4.4 * 35.15
 
 
-NAMED = FakeRobot(joint_names=("shoulder", "elbow"))
+NAMED = fake_robot(joint_names=("shoulder", "elbow"))
 
 
 def test_columns_by_name_of_joint(tmp_path: Path, csv_file: Path) -> None:
@@ -781,14 +770,14 @@ def test_columns_by_name_of_joint(tmp_path: Path, csv_file: Path) -> None:
         (NAMED, {"elbow": "q2", "shoulder": "q2"}, "columns names a column twice"),
         (NAMED, {"elbow": "q2", "shoulder": 1.5}, "columns must be a list of names, or of numbers from 1"),
         (
-            FakeRobot(),
+            fake_robot(),
             {"elbow": "q2", "shoulder": "q1"},
             "columns by name of joint need a robot whose joints have names",
         ),
     ],
 )
 def test_wrong_columns_by_name_of_joint(
-    tmp_path: Path, csv_file: Path, robot: FakeRobot, columns: dict[str, Any], message: str
+    tmp_path: Path, csv_file: Path, robot: Any, columns: dict[str, Any], message: str
 ) -> None:
     content = described("a.csv")
     content["position"]["columns"] = columns

@@ -14,8 +14,8 @@ from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording
 from didim.log.resampling import resampling
+from plain import fake_robot
 from tables import experiment_table
-from test_recording import FakeRobot
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def described(folder: Path, time: dict[str, Any], **keys: Any) -> Recording:
         **keys,
     }
     table = experiment_table("recording", content)
-    return read_recording(table, "run", FakeRobot(), None, DataFolder(folder))
+    return read_recording(table, "run", fake_robot(), None, DataFolder(folder))
 
 
 def write(folder: Path, t: Array) -> None:

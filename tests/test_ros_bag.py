@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from didim.errors import RecordingError
+from plain import fake_robot
 from test_containers import JOINTS, N, log, read, sources
-from test_recording import FakeRobot
 
 pytest.importorskip("rosbags", reason="needs the extra 'ros'")
 from bags import write_bag
@@ -55,7 +55,7 @@ def test_a_controller_state_has_the_reference(tmp_path: Path) -> None:
 
 def test_joints_of_a_robot_without_names_are_listed(tmp_path: Path) -> None:
     content = bag(tmp_path)
-    nameless = FakeRobot()
+    nameless = fake_robot()
     with pytest.raises(Exception, match="bag has joints by name, and the robot file has no names"):
         read(tmp_path, content, nameless)
     for key in ("position", "torque"):

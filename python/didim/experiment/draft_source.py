@@ -21,8 +21,7 @@ from ..errors import ExperimentError, RecordingError
 from ..log.array_file import ArrayFile, samples_in_columns
 from ..log.csv_file import CsvFile
 from ..log.data_file import TEXT, open_data_file
-from ..log.data_folder import MANY_COLUMNS
-from ..log.data_format import LONGEST_LINE, DataFile
+from ..log.data_format import LONGEST_LINE, MOST_COLUMNS, DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
 from ..robot.robot import Robot
@@ -212,9 +211,9 @@ def _text(
         return LogSource(data, [read_column(name, robot.joint_names) for name in data.names], keys, log)
     width = len(_cells(lines[0], delimiter))
     if values_per_sample is not None:
-        if not 1 <= values_per_sample <= MANY_COLUMNS:
+        if not 1 <= values_per_sample <= MOST_COLUMNS:
             raise ExperimentError(
-                f"--values-per-sample must be a whole number from 1 to {MANY_COLUMNS}, got {values_per_sample}"
+                f"--values-per-sample must be a whole number from 1 to {MOST_COLUMNS}, got {values_per_sample}"
             )
         data, width = OneValueALine(data, values_per_sample), values_per_sample
         keys.append(f"values_per_sample = {values_per_sample}")
@@ -261,7 +260,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
         if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
         kind = read_column(re.split(r"[/.]", name)[-1], robot.joint_names)
-        labels = getattr(data, "labels", {}).get(name)
+        labels = data.labels.get(name)
         if labels is not None and len(shape) == 2 and shape[1] == len(labels):
             columns += _labelled(data, name, labels, kind, robot)
             continue
@@ -271,7 +270,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
         width = shape[0] if samples_in_columns(shape) else shape[1]
         columns += [
             Column(k + 1, kind.what, k + 1, kind.unit, kind.motor, name, name)
-            for k in range(min(width, MANY_COLUMNS))
+            for k in range(min(width, MOST_COLUMNS))
         ]
     return LogSource(data, columns, keys, log)
 

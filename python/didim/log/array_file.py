@@ -6,10 +6,11 @@ import hashlib
 import io
 import struct
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from math import prod
-from typing import Any, ClassVar, NoReturn
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,13 +18,13 @@ from .._tools.arrays import Array
 from .._tools.inputs import BLOCK, check_expanded, open_npz
 from .._tools.words import known_names, listing
 from ..errors import RecordingError
-from .data_format import LOST_SAMPLE, Column
+from .data_format import LOST_SAMPLE, Column, DataFile
 
 MOST_SIGNALS = 100
 """Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample."""
 
 
-class ArrayFile(ABC):
+class ArrayFile(DataFile):
     """A file of named arrays. A format has two methods: `variables` and `array`; `shape` where it is known without reading.
 
     Parameters
@@ -36,6 +37,8 @@ class ArrayFile(ABC):
 
     kind: ClassVar[str]
     """Name of the format in messages."""
+    labels: Mapping[str, Sequence[str]] = MappingProxyType({})
+    """Names of a matrix's columns, where the file has them."""
 
     def __init__(self, raw: bytes, name: str) -> None:
         self.name = name
@@ -81,10 +84,6 @@ class ArrayFile(ABC):
             if not 1 <= number <= matrix.shape[1]:
                 self.fail(f"variable {names[0]!r} has no column {number}; it has 1 to {matrix.shape[1]}")
         return matrix[:, [number - 1 for number in numbers]]
-
-    def fail(self, text: str) -> NoReturn:
-        """Raise an error that names the file."""
-        raise RecordingError(f"{self.name}: {text}")
 
     def _plan(
         self, columns: Sequence[Column] | None, variable: str | None, count: int

@@ -11,7 +11,6 @@ import io
 import json
 import re
 from collections.abc import Iterator, Sequence
-from typing import NoReturn
 
 import numpy as np
 
@@ -20,8 +19,7 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
 from .._tools.words import counted, known_names, nearest
-from ..errors import RecordingError
-from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column
+from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column, DataFile
 
 # A number with a decimal comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -34,7 +32,7 @@ def _number_or_none(cell: str) -> float | None:
         return None
 
 
-class CsvFile:
+class CsvFile(DataFile):
     """Text with one sample a line.
 
     Parameters
@@ -67,15 +65,15 @@ class CsvFile:
             cells = self._with_points(cells, header, end)
         self._n_columns = len(cells)
         if self._n_columns > MOST_COLUMNS:
-            self._fail(f"the first line has {self._n_columns} columns, and a log has at most {MOST_COLUMNS}")
+            self.fail(f"the first line has {self._n_columns} columns, and a log has at most {MOST_COLUMNS}")
         if not any(cells):
-            self._fail("the first line is blank")
+            self.fail("the first line is blank")
         numeric = [_number_or_none(cell) is not None for cell in cells]
         if header is None:
             header = not any(numeric)
             if any(numeric) and not all(numeric):
                 odd = cells[numeric.index(False)]
-                self._fail(
+                self.fail(
                     f"the first line is neither names nor numbers ({odd!r} is not a number)"
                     + (self._delimiter_hint() or "; say header = true or header = false")
                 )
@@ -102,23 +100,20 @@ class CsvFile:
             return self._values
         return self._values.take([self._read.index(index) for index in indices], axis=1)
 
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")
-
     def _check_text(self, raw: bytes) -> None:
         """Refuse a file that is not UTF-8 text, and unusual line ends."""
         if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            self._fail("the file is UTF-16 text; save it as UTF-8")
+            self.fail("the file is UTF-16 text; save it as UTF-8")
         zero = raw.find(b"\0")
         if zero >= 0:
-            self._fail(f"this is not a text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
+            self.fail(f"this is not a text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
         if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
-            self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
+            self.fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
 
     def _decoded(self, start: int, end: int, line: int) -> str:
         """Return the text of a line; refuse one that cannot belong to a log."""
         if end - start > LONGEST_LINE:
-            self._fail(
+            self.fail(
                 f"line {line} has {(end - start) / 1e6:.3g} MB; is the file binary, or are its line ends missing?"
             )
         return self._body[start:end].decode("utf-8", "replace")
@@ -138,12 +133,12 @@ class CsvFile:
         try:
             return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
         except csv.Error as reason:
-            self._fail(f"this is not a CSV file ({reason})")
+            self.fail(f"this is not a CSV file ({reason})")
 
     def _with_points(self, cells: list[str], header: bool | None, end: int) -> list[str]:
         """Turn decimal commas into points, in the numbers and not in the names; return the cells of the first line."""
         if self._delimiter == ",":
-            self._fail('decimal = "," needs another delimiter than a comma: delimiter = ";"')
+            self.fail('decimal = "," needs another delimiter than a comma: delimiter = ";"')
         points = [cell.replace(",", ".") for cell in cells]
         if header is None:
             header = not any(_number_or_none(cell) is not None for cell in points)
@@ -153,7 +148,7 @@ class CsvFile:
         if point_at >= 0:
             row = numbers.count(b"\n", 0, point_at) + 1
             line = row + 1 if header else row
-            self._fail(f"line {line} has a point, and decimal = ',' says that commas are the decimal signs")
+            self.fail(f"line {line} has a point, and decimal = ',' says that commas are the decimal signs")
         self._body = self._body[:begin] + numbers.replace(b",", b".")
         return cells if header else points
 
@@ -174,10 +169,10 @@ class CsvFile:
 
     def _indices(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> list[int]:
         if variable is not None:
-            self._fail("variable is for .mat and .npz files; a CSV file has columns")
+            self.fail("variable is for .mat and .npz files; a CSV file has columns")
         if columns is None:
             if self._n_columns != count:
-                self._fail(
+                self.fail(
                     f"the file has {counted(self._n_columns, 'column')} where {count} "
                     f"{'is' if count == 1 else 'are'} wanted"
                     + ("; transpose it?" if self._n_rows == count else self._columns_hint(count))
@@ -192,22 +187,22 @@ class CsvFile:
         if isinstance(column, int):
             if not 1 <= column <= self._n_columns:
                 there = f"the columns are 1 to {self._n_columns}" if self._n_columns > 1 else "there is one"
-                self._fail(f"there is no column {column}; {there}{self._delimiter_hint()}")
+                self.fail(f"there is no column {column}; {there}{self._delimiter_hint()}")
             return column - 1
         if self.names is None:
-            self._fail(f"there is no column {column!r}: the file has no header, so columns go by number")
+            self.fail(f"there is no column {column!r}: the file has no header, so columns go by number")
         if column not in self.names:
             there = known_names(column, self.names, "column")
             hint = "" if nearest(column, self.names) else self._delimiter_hint()
-            self._fail(f"there is no column {column!r}; {there}{hint}")
+            self.fail(f"there is no column {column!r}; {there}{hint}")
         if self.names.count(column) > 1:
-            self._fail(f"column {column!r} occurs twice in the header")
+            self.fail(f"column {column!r} occurs twice in the header")
         return self.names.index(column)
 
     def _load(self, usecols: list[int]) -> Array:
         """Parse the requested columns; only after a failure, search the lines for the fault."""
         if self._n_rows == 0:
-            self._fail("there are no rows below the header")
+            self.fail("there are no rows below the header")
         plain = self._parse_plain(usecols)
         if plain is not None:
             return plain
@@ -224,7 +219,7 @@ class CsvFile:
             )
         except ValueError as reason:
             self._find_fault(usecols)
-            self._fail(f"{reason}")
+            self.fail(f"{reason}")
         # The parser ignores blank lines and additional cells. Both indicate lost samples or shifted columns, so the separators
         # are counted.
         if len(values) != self._n_rows or quoted or not self._is_rectangular():
@@ -232,7 +227,7 @@ class CsvFile:
         if not np.isfinite(values).all():
             row, column = np.argwhere(~np.isfinite(values))[0]
             where = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
-            self._fail(f"{where}, is {values[row, column]}{LOST_SAMPLE}")
+            self.fail(f"{where}, is {values[row, column]}{LOST_SAMPLE}")
         return values
 
     def _parse_plain(self, usecols: list[int]) -> Array | None:
@@ -257,11 +252,11 @@ class CsvFile:
             if row == 0:
                 continue
             if not line.strip():
-                self._fail(f"{self._row(row)} is blank; samples must not be missing")
+                self.fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
             if len(cells) != self._n_columns:
                 hint = self._ragged_hint(len(cells), last=number == self._body.count(b"\n") + 1)
-                self._fail(
+                self.fail(
                     f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
                     f"{self._n_columns}{hint}"
                 )
@@ -271,7 +266,7 @@ class CsvFile:
                     comma = DECIMAL_COMMA.fullmatch(cell)
                     hint = '; for decimal commas, decimal = ","' if comma else ""
                     text = f"{cell!r}, not a number{hint}" if cell else f"empty{LOST_SAMPLE}"
-                    self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
+                    self.fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
 
     def _ragged_hint(self, count: int, *, last: bool) -> str:
         """End of a sentence on a line with another number of cells than the first."""

@@ -16,14 +16,11 @@ from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import counted, did_you_mean
 from .data_file import open_data_file
-from .data_format import MOST_COLUMNS, Column, DataFile
+from .data_format import Column, DataFile
 from .text_files import OneColumnAFile, OneValueALine
 
 SOURCES = ("time", "position", "velocity", "torque", "external", "temperature", "reference")
 """Tables of a recording that name data files."""
-
-MANY_COLUMNS = MOST_COLUMNS
-"""Upper bound of `values_per_sample`, and largest number of a matrix's columns that are examined."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,6 @@ class Source:
     def values(self) -> Array:
         """Columns as (n_samples, count), in the unit of the file."""
         return self.file.get(self.columns, self.variable, self.count)
-
-    @property
-    def place(self) -> str:
-        """Name of the file in messages."""
-        return self.file.name
 
 
 class DataFolder:
@@ -83,10 +75,9 @@ class DataFolder:
             file: DataFile = OneColumnAFile(files) if isinstance(table.raw("file"), list) else files[0]
             self._files[key] = file if width is None else OneValueALine(file, width)
         file = self._files[key]
-        signals = getattr(file, "signals", None)
-        if signals is not None:
+        if file.signals is not None:
             # Columns of named joints are found by name, in any order.
-            variable = signals.get(kind) if variable is None else variable
+            variable = file.signals.get(kind) if variable is None else variable
             if columns is None and kind != "time":
                 if not joints:
                     table.fail(
@@ -132,27 +123,18 @@ def expanded(recording: Table, name: str, folder: Path) -> list[tuple[Table, str
     parts = [match.group(1) for path in files if (match := fitting.fullmatch(path.name))]
     if not parts:
         recording.fail(f"no file in {folder} is called {pattern}")
-    title = content.get("name")
-    return [
-        (
-            recording.changed(
-                {key: _with_part(value, part) for key, value in content.items()} | _named(title, part)
-            ),
-            part or name,
-        )
-        for part in parts
-    ]
+    return [(recording.changed(_with_part(content, part)), part or name) for part in parts]
 
 
-def _named(title: object, part: str) -> dict[str, str]:
-    return {"name": f"{title} {part}"} if isinstance(title, str) else {}
-
-
-def _with_part(value: Any, part: str) -> Any:
-    """Return a table with the ``*`` of its file name replaced."""
-    if isinstance(value, dict) and isinstance(value.get("file"), str):
-        return {**value, "file": value["file"].replace("*", part)}
-    return value
+def _with_part(content: Mapping[str, Any], part: str) -> dict[str, Any]:
+    """Return a recording with the ``*`` of its file names replaced, and the part added to its own name."""
+    changed = dict(content)
+    for key, value in content.items():
+        if isinstance(value, dict) and isinstance(value.get("file"), str):
+            changed[key] = {**value, "file": value["file"].replace("*", part)}
+        elif key == "name" and isinstance(value, str):
+            changed[key] = f"{value} {part}"
+    return changed
 
 
 def _names(table: Table) -> list[str]:

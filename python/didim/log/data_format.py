@@ -1,11 +1,13 @@
-"""Columns of a data file, and the interface of a reader. Tested in ``tests/test_recording.py``."""
+"""Columns of a data file, and the base of its readers. Tested in ``tests/test_recording.py``."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import NoReturn
 
 from .._tools.arrays import Array
+from ..errors import RecordingError
 
 Column = str | int
 """A column by name, or by number from 1."""
@@ -20,14 +22,29 @@ LOST_SAMPLE = (
 """Last words of a sentence on a missing value."""
 
 
-class DataFile(Protocol):
-    """Interface of a data file of any format."""
+class DataFile(ABC):
+    """A data file of any format.
+
+    Attributes
+    ----------
+    name, sha256 : str
+        Its name in messages, and its digest.
+    signals : mapping of str to str, or None
+        Signals for the tables of a recording without `variable`, of files whose columns are joints by name.
+    """
 
     name: str
     sha256: str
+    signals: Mapping[str, str] | None = None
 
+    @abstractmethod
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
         """Request columns before the file is read once for all; wrong names raise here."""
 
+    @abstractmethod
     def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
         """Columns as (n_samples, count), in the file's unit, all finite."""
+
+    def fail(self, text: str) -> NoReturn:
+        """Raise an error that names the file."""
+        raise RecordingError(f"{self.name}: {text}")

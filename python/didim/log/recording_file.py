@@ -7,9 +7,9 @@ differs is an error, unless `resample` asks for even samples. Tested in ``tests/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,16 +17,16 @@ from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import counted, series
 from ..errors import RecordingError
+from ..robot.robot import Robot
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
 from .recording import OWN, Recording, Role, clock
-from .resampling import Resampling, resampling, step_range
+from .resampling import resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
 from .units import (
     ESTIMATE,
     TEMPERATURE,
     TIME,
-    current_factors,
     effort_factors,
     position_factors,
     velocity_factors,
@@ -34,19 +34,6 @@ from .units import (
 
 GAPS = "gaps"
 """Value of ``rollouts`` that starts a rollout at each gap of the time stamps; any other value names a column."""
-
-
-class _Robot(Protocol):
-    """Properties of a robot that a log needs."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def joint_kinds(self) -> Sequence[str]: ...
-    @property
-    def joint_names(self) -> Sequence[str]: ...
-    @property
-    def gains(self) -> Sequence[float] | None: ...
 
 
 def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: int) -> Array | None:
@@ -67,7 +54,7 @@ def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: in
 def read_recording(
     table: Table,
     name: str,
-    robot: _Robot,
+    robot: Robot,
     reduction: Array | None,
     folder: DataFolder,
     faults: list[tuple[str, TimeFault]] | None = None,
@@ -109,7 +96,7 @@ def read_recording(
     signals = _signals(table, robot, reduction, folder, rate, rollouts)
     values, t, base = signals.values, signals.t, signals.base
     _check_counts(name, values if t is None else {**values, "time": t}, signals.sources, base)
-    where = "" if t is None else signals.sources["time"].place
+    where = "" if t is None else signals.sources["time"].file.name
     clock_of = _Clock(t, rate)
     notes: tuple[str, ...] = ()
     if rollouts is not None:
@@ -170,7 +157,7 @@ class _Signals:
 
 def _signals(
     table: Table,
-    robot: _Robot,
+    robot: Robot,
     reduction: Array | None,
     folder: DataFolder,
     rate: float | None,
@@ -179,15 +166,15 @@ def _signals(
     """Read the signals, once all keys are checked."""
     sources = _sources(table, robot, folder)
     channels = {
-        key: MAKERS[key](source, robot, reduction) for key, source in sources.items() if key != "time"
+        key: _channel(key, source, robot, reduction) for key, source in sources.items() if key != "time"
     }
     period, resample = _time_keys(sources["time"]) if "time" in sources else (1.0, False)
     if rate is None and "time" not in sources:
         table.fail("give rate_hz or the table [recording.time]")
     # Without measured positions the reference defines the samples of the recording.
     base = "position" if "position" in sources else "reference"
-    if rollouts not in (None, GAPS):
-        sources[base].file.want([str(rollouts)], None, 1)
+    if rollouts is not None and rollouts != GAPS:
+        sources[base].file.want([rollouts], None, 1)
     values = {key: channel.read() for key, channel in channels.items()}
     t = sources["time"].values()[:, 0] * period if "time" in sources else None
     drives = channels["torque"].drives if "torque" in channels else None
@@ -205,7 +192,7 @@ def _rollouts(table: Table, signals: _Signals, rollouts: str) -> tuple[tuple[int
     return rollout_windows(count, number, signals.t)
 
 
-def _sources(table: Table, robot: _Robot, folder: DataFolder) -> dict[str, Source]:
+def _sources(table: Table, robot: Robot, folder: DataFolder) -> dict[str, Source]:
     """Return the sources of the signals by table, the last keys of a recording."""
     tables = {key: table.table(key, None) for key in SOURCES}
     table.done()
@@ -231,12 +218,12 @@ def _check_counts(name: str, values: Mapping[str, Array], sources: Mapping[str, 
     for key, samples in values.items():
         if len(samples) != count:
             raise RecordingError(
-                f"{name}: {key} has {counted(len(samples), 'sample')} ({sources[key].place}), "
-                f"{base} has {count} ({sources[base].place})"
+                f"{name}: {key} has {counted(len(samples), 'sample')} ({sources[key].file.name}), "
+                f"{base} has {count} ({sources[base].file.name})"
             )
     if count < MINIMUM_SAMPLES:
         raise RecordingError(
-            f"{sources[base].place}: at least {MINIMUM_SAMPLES} samples are needed, got {count}"
+            f"{sources[base].file.name}: at least {MINIMUM_SAMPLES} samples are needed, got {count}"
         )
 
 
@@ -274,7 +261,7 @@ def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
     if fault.kind not in ("gap", "uneven"):
         return ""
     try:
-        plan: Resampling = resampling(t, None if rate_hz is None else rate_hz, file)
+        plan = resampling(t, rate_hz, file)
     except RecordingError:
         return ""
     return (
@@ -328,61 +315,35 @@ class _Channel:
     zeros: Array | float = 0.0
     """Position (rad or m) at which each column is zero: shares of a joint's range begin at its lower limit."""
 
-    @classmethod
-    def motion(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        side, matrix = _side(source.table, reduction)
-        ranges = [limits.position for limits in getattr(robot, "limits", ())]
-        factors, zeros = position_factors(source.table, side, robot.joint_kinds, ranges)
-        source.table.done()
-        return cls(source, np.array(factors), _to_joint(matrix), matrix, zeros=np.array(zeros))
-
-    @classmethod
-    def velocity(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        side, matrix = _side(source.table, reduction)
-        factors = velocity_factors(source.table, side, robot.joint_kinds)
-        source.table.done()
-        return cls(source, np.array(factors), _to_joint(matrix), matrix)
-
-    @classmethod
-    def effort(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        side, matrix = _side(source.table, reduction)
-        if source.table.raw("gain", None) == ESTIMATE:
-            factors = current_factors(source.table, len(robot.joint_kinds))
-            drives = np.eye(len(robot.joint_kinds)) if matrix is None else matrix
-            source.table.done()
-            return cls(source, np.array(factors), matrix, matrix, tuple(map(tuple, drives.tolist())))
-        # The gains of a robot file are those of the motors; they are valid at the joints only without a reduction.
-        gains = robot.gains if side == "motor" or reduction is None else None
-        factors = effort_factors(source.table, side, robot.joint_kinds, gains)
-        source.table.done()
-        return cls(source, np.array(factors), matrix, matrix)
-
-    @classmethod
-    def temperature(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        zero = TEMPERATURE[source.table.text("unit")]
-        source.table.done()
-        return cls(source, np.ones(1), None, None, zeros=zero)
-
     def read(self) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
             values = self.source.values() * self.factors + self.zeros
             return values if self.to_joint is None else values @ self.to_joint
 
 
-MAKERS: Mapping[str, Callable[[Source, _Robot, Array | None], _Channel]] = {
-    "position": _Channel.motion,
-    "velocity": _Channel.velocity,
-    "torque": _Channel.effort,
-    "external": _Channel.effort,
-    "temperature": _Channel.temperature,
-    "reference": _Channel.motion,
-}
-"""Constructors of the channels, by table."""
-
-
-def _to_joint(matrix: Array | None) -> Array | None:
-    """Return the matrix from rows of motor positions to joint positions: ``q_motor = R q`` for columns; samples are rows here."""
-    return None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
+def _channel(key: str, source: Source, robot: Robot, reduction: Array | None) -> _Channel:
+    """Return the channel of one of the tables of a recording."""
+    table, kinds = source.table, robot.joint_kinds
+    if key == "temperature":
+        zero = TEMPERATURE[table.text("unit")]
+        table.done()
+        return _Channel(source, np.ones(1), None, None, zeros=zero)
+    side, matrix = _side(table, reduction)
+    drives, zeros = None, np.zeros(1)
+    # ``q_motor = R q`` is for columns; samples are rows here.
+    to_joint = None if matrix is None else np.asarray(np.linalg.inv(matrix).T)
+    if key in ("torque", "external"):
+        # The gains of a robot file are those of the motors; they are valid at the joints only without a reduction.
+        gains = robot.gains if side == "motor" or reduction is None else None
+        factors, to_joint = effort_factors(table, side, kinds, gains), matrix
+        if table.raw("gain", None) == ESTIMATE:
+            drives = tuple(map(tuple, (np.eye(len(kinds)) if matrix is None else matrix).tolist()))
+    elif key == "velocity":
+        factors = velocity_factors(table, side, kinds)
+    else:
+        factors, zeros = position_factors(table, side, kinds, [limits.position for limits in robot.limits])
+    table.done()
+    return _Channel(source, factors, to_joint, matrix, drives, zeros)
 
 
 def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .._tools.inputs import check_expanded, check_input
 from .._tools.plugins import optional
 from .._tools.words import brief, counted, did_you_mean, listing
 from ..errors import RecordingError
-from .data_format import Column
+from .data_format import Column, DataFile
 
 SIGNALS = {
     "time": "stamp",
@@ -62,7 +62,7 @@ class _Message:
     values: Mapping[str, Any]
 
 
-class RosBag:
+class RosBag(DataFile):
     """One topic of a bag.
 
     Parameters
@@ -80,7 +80,7 @@ class RosBag:
         Without `rosbags`, for an unreadable bag, and for a missing or unknown `topic`.
     """
 
-    signals: Mapping[str, str] = SIGNALS
+    signals = SIGNALS
 
     def __init__(self, path: Path, name: str, topic: str | None) -> None:
         self.name = name
@@ -104,15 +104,15 @@ class RosBag:
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
         """Request joints; messages without all of them, such as those of a gripper on the same topic, are ignored."""
         if variable not in SIGNALS.values():
-            self._fail(f"variable must be one of {listing(SIGNALS.values())}, got {variable!r}")
+            self.fail(f"variable must be one of {listing(SIGNALS.values())}, got {variable!r}")
         if variable == "stamp":
             return
         known = self.joints
         for column in columns or ():
             if not isinstance(column, str):
-                self._fail(f"joints of a bag go by name, got column {column}")
+                self.fail(f"joints of a bag go by name, got column {column}")
             if column not in known:
-                self._fail(
+                self.fail(
                     f"there is no joint {column!r} in topic {self.topic}; it has {listing(known, 40)}{did_you_mean(column, known)}"
                 )
             self._wanted[column] = None
@@ -121,11 +121,11 @@ class RosBag:
         """Columns as (n_samples, count); the time in s from the first message."""
         messages = [each for each in self._messages if self._wanted.keys() <= set(each.names)]
         if not messages:
-            self._fail(f"no message of topic {self.topic} has all of {listing(self._wanted)}")
+            self.fail(f"no message of topic {self.topic} has all of {listing(self._wanted)}")
         if variable == "stamp":
             first = messages[0].stamp
             if messages[-1].stamp == 0:
-                self._fail(
+                self.fail(
                     f"the headers of topic {self.topic} have no time; leave [recording.time] out and give rate_hz"
                 )
             # Integer nanoseconds are subtracted, because seconds since 1970 only resolve 0.2 us.
@@ -138,13 +138,13 @@ class RosBag:
         values = message.values.get(variable, ())
         if len(values) != len(message.names):
             what = f"no {variable}" if not len(values) else f"{counted(len(values), 'value')} of {variable}"
-            self._fail(
+            self.fail(
                 f"message {number + 1} of topic {self.topic} has {what} for {counted(len(message.names), 'joint')}"
             )
         row = [float(values[message.names.index(name)]) for name in names]
         if not np.isfinite(row).all():
             joint = names[int(np.argmin(np.isfinite(row)))]
-            self._fail(
+            self.fail(
                 f"message {number + 1} of topic {self.topic}: {variable} of joint {joint!r} is not a finite number"
             )
         return row
@@ -170,11 +170,11 @@ class RosBag:
         except RecordingError:
             raise
         except Exception as reason:  # a foreign parser may raise anything on bytes of another kind
-            self._fail(
+            self.fail(
                 f"this is not a readable ROS bag ({brief(' '.join(str(reason).split())) or type(reason).__name__})"
             )
         if not channels:
-            self._fail(f"topic {self.topic} has no messages")
+            self.fail(f"topic {self.topic} has no messages")
         # The recorder stores the time of arrival; the header has the time of the measurement.
         return sorted(channels, key=lambda message: message.stamp)
 
@@ -187,22 +187,19 @@ class RosBag:
             if len(known) == 1:
                 return known[0]
             if not known:
-                self._fail(
+                self.fail(
                     f"no topic has joint states or states of a trajectory controller; topics are {listing(sorted(types))}"
                 )
-            self._fail(f"topic must say which is meant; there are {listing(sorted(known))}")
+            self.fail(f"topic must say which is meant; there are {listing(sorted(known))}")
         if topic not in types:
-            self._fail(
+            self.fail(
                 f"there is no topic {topic!r}; topics are {listing(sorted(types), 60)}{did_you_mean(topic, types)}"
             )
         if topic not in known and types[topic] != TRAJECTORY:
-            self._fail(
+            self.fail(
                 f"topic {topic} has messages of type {types[topic]}; read are {JOINT_STATE} and {CONTROLLER_STATE}"
             )
         return topic
-
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")
 
 
 def _contents(message: Any) -> list[_Message]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from typing import NoReturn
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from ..errors import RecordingError
 from .data_format import Column, DataFile
 
 
-class OneValueALine:
+class OneValueALine(DataFile):
     """Text with one value a line, sample after sample.
 
     Parameters
@@ -39,7 +38,7 @@ class OneValueALine:
         numbers = self._numbers(columns, count)
         values = self._file.get(None, variable, 1)
         if len(values) % self._width:
-            self._fail(
+            self.fail(
                 f"{counted(len(values), 'line')} are not a whole number of samples of {counted(self._width, 'value')}"
             )
         return np.ascontiguousarray(values.reshape(-1, self._width)[:, [number - 1 for number in numbers]])
@@ -47,23 +46,18 @@ class OneValueALine:
     def _numbers(self, columns: Sequence[Column] | None, count: int) -> list[int]:
         if columns is None:
             if count != self._width:
-                self._fail(
-                    f"columns must say which {count} of the {self._width} values of a sample are meant"
-                )
+                self.fail(f"columns must say which {count} of the {self._width} values of a sample are meant")
             return list(range(1, count + 1))
         numbers = [column for column in columns if isinstance(column, int)]
         if len(numbers) < len(columns):
-            self._fail("values with one per line have no names: columns go by number, from 1")
+            self.fail("values with one per line have no names: columns go by number, from 1")
         for number in numbers:
             if not 1 <= number <= self._width:
-                self._fail(f"there is no column {number}; values_per_sample says 1 to {self._width}")
+                self.fail(f"there is no column {number}; values_per_sample says 1 to {self._width}")
         return numbers
 
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")
 
-
-class OneColumnAFile:
+class OneColumnAFile(DataFile):
     """Several files of one column each, in the order of the joints.
 
     Parameters
@@ -80,11 +74,11 @@ class OneColumnAFile:
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
         """Request columns."""
         if columns is not None and len(columns) != len(self._files):
-            self._fail(
+            self.fail(
                 f"columns must be one for each of the {counted(len(self._files), 'file')}, or be left out"
             )
         if len(self._files) != count:
-            self._fail(f"file must name {counted(count, 'file')} of one column each, got {len(self._files)}")
+            self.fail(f"file must name {counted(count, 'file')} of one column each, got {len(self._files)}")
         for file, column in zip(self._files, self._each(columns), strict=True):
             file.want(None if column is None else [column], variable, 1)
 
@@ -103,6 +97,3 @@ class OneColumnAFile:
 
     def _each(self, columns: Sequence[Column] | None) -> Sequence[Column | None]:
         return [None] * len(self._files) if columns is None else columns
-
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")

@@ -6,8 +6,11 @@ Results are in rad or m, N.m or N. Tested in ``tests/test_recording.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
+import numpy as np
+
+from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import listing
 from ..robot.robot import Robot
@@ -24,7 +27,7 @@ POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
 SHARES = {"percent": 50.0, "signed-percent": 0.0}
 """Value at the middle of a joint's range, by unit: LeRobot logs grippers from 0 to 100 and other motors from -100 to 100."""
 
-VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s": 1.0, "mm/s": 1e-3}
+VELOCITY = {f"{unit}/s": factor for unit, factor in POSITION.items()}
 """Radians or metres per second per unit of velocity."""
 
 EFFORT = ("N.m", "N", "A", "V")
@@ -73,50 +76,40 @@ def joint_values(
     return given
 
 
-def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
-    """One unit for all columns, or a list with one for each."""
+def _units(table: Table, allowed: Collection[str], side: str, joint_kinds: Sequence[str]) -> list[str]:
+    """Return one unit for each column, given once or as a list; on the joint side it must suit the joint."""
+    n = len(joint_kinds)
     units = table.texts("unit") if isinstance(table.raw("unit"), list) else [table.text("unit")] * n
     if len(units) != n:
         table.fail(f"unit must be one text or a list of {n}, got {len(units)}")
     for unit in units:
         if unit not in allowed:
             table.fail(f"unit {unit!r} is unknown here; known are {listing(allowed)}")
+    for i, (unit, kind) in enumerate(zip(units, joint_kinds, strict=True)):
+        if side == "joint" and unit in (_LINEAR if kind == "revolute" else _ANGULAR):
+            table.fail(f"unit {unit!r} does not suit joint {i + 1}, which is {kind}")
     return units
 
 
-def _check_joints(table: Table, units: Sequence[str], joint_kinds: Sequence[str]) -> None:
-    """Refuse metres on a revolute joint and radians on a prismatic one (joint side only)."""
-    for i, (unit, kind) in enumerate(zip(units, joint_kinds, strict=True)):
-        wrong = _LINEAR if kind == "revolute" else _ANGULAR
-        if unit in wrong:
-            table.fail(f"unit {unit!r} does not suit joint {i + 1}, which is {kind}")
-
-
-def _scales(table: Table, n: int) -> list[float]:
+def _scales(table: Table, n: int) -> Array:
     """Factors of `scale` and `sign`, in any unit: one number, or one for each column."""
-    scale, sign = table.spread("scale", n), table.spread("sign", n)
-    if not all(scale):
+    scale, sign = np.array(table.spread("scale", n)), np.array(table.spread("sign", n))
+    if not scale.all():
         table.fail("scale must not be zero")
-    if any(abs(value) != 1.0 for value in sign):
+    if (np.abs(sign) != 1.0).any():
         table.fail(f"sign must be 1 or -1, for all columns or one for each, got {table.raw('sign')!r}")
-    return [value * turned for value, turned in zip(scale, sign, strict=True)]
+    return np.asarray(scale * sign)
 
 
-def _product(factors: Sequence[float], scales: Sequence[float]) -> list[float]:
-    return [factor * scale for factor, scale in zip(factors, scales, strict=True)]
-
-
-def velocity_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> list[float]:
+def velocity_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> Array:
     """Factor of each velocity column to rad/s or m/s, with `scale` and `sign`; keys as of `position_factors`."""
-    units = _units(table, list(VELOCITY), len(joint_kinds))
-    if side == "joint":
-        _check_joints(table, units, joint_kinds)
-    return _product([VELOCITY[unit] for unit in units], _scales(table, len(joint_kinds)))
+    units = _units(table, VELOCITY, side, joint_kinds)
+    return np.array([VELOCITY[unit] for unit in units]) * _scales(table, len(units))
 
 
 def position_factors(
-    table: Table, side: str, joint_kinds: Sequence[str], ranges: Sequence[tuple[float, float] | None] = ()
-) -> tuple[list[float], list[float]]:
+    table: Table, side: str, joint_kinds: Sequence[str], ranges: Sequence[tuple[float, float] | None]
+) -> tuple[Array, Array]:
     """Factor of each position column to rad or m, and the position (rad or m) at which each column is zero.
 
     Parameters
@@ -133,39 +126,27 @@ def position_factors(
         Lowest and highest position of each joint (rad or m), None without limits.
     """
     n = len(joint_kinds)
-    units = _units(table, [*POSITION, *SHARES, "count"], n)
-    if side == "joint":
-        _check_joints(table, units, joint_kinds)
-    scales = _scales(table, n)
+    units = _units(table, [*POSITION, *SHARES, "count"], side, joint_kinds)
+    factors, zeros = _scales(table, n), np.zeros(n)
     counts = table.spread("counts_per_rev", n) if "count" in units else [1.0] * n
     if not all(counts):
         table.fail("counts_per_rev must not be zero")
-    factors, zeros = [], [0.0] * n
-    for j, (unit, count, scale) in enumerate(zip(units, counts, scales, strict=True)):
+    for j, (unit, count, limits) in enumerate(zip(units, counts, ranges, strict=True)):
         if unit not in SHARES:
-            factors.append(scale * (2.0 * math.pi / count if unit == "count" else POSITION[unit]))
+            factors[j] *= 2.0 * math.pi / count if unit == "count" else POSITION[unit]
             continue
-        limits = ranges[j] if j < len(ranges) else None
         if limits is None or side != "joint":
             table.fail(f"unit {unit!r} needs the limits of joint {j + 1} in the robot file, and side 'joint'")
         low, high = limits
-        factors.append(scale * (high - low) / (100.0 if unit == "percent" else 200.0))
+        factors[j] = factors[j] * (high - low) / (100.0 if unit == "percent" else 200.0)
         zeros[j] = 0.5 * (low + high) - factors[j] * SHARES[unit]
     return factors, zeros
 
 
-def current_factors(table: Table, n: int) -> list[float]:
-    """Factor of each column of currents (A) with unknown drive gains, ``gain = "estimate"``; another unit is refused."""
-    for unit in _units(table, EFFORT, n):
-        if unit != "A":
-            table.fail(f"gain 'estimate' is for currents in A, and the unit is {unit!r}")
-    return _scales(table, n)
-
-
 def effort_factors(
     table: Table, side: str, joint_kinds: Sequence[str], robot_gains: Sequence[float] | None
-) -> list[float]:
-    """Factor of each torque column to N.m or N, on the side it was logged on.
+) -> Array:
+    """Factor of each torque column to N.m or N, on the side it was logged on; to A for ``gain = "estimate"``.
 
     Parameters
     ----------
@@ -179,10 +160,13 @@ def effort_factors(
         Drive gains of the robot file, used if the table has no `gain`.
     """
     n = len(joint_kinds)
-    units = _units(table, EFFORT, n)
-    if side == "joint":
-        _check_joints(table, units, joint_kinds)
+    units = _units(table, EFFORT, side, joint_kinds)
     scales = _scales(table, n)
+    if table.raw("gain", None) == ESTIMATE:
+        for unit in units:
+            if unit != "A":
+                table.fail(f"gain 'estimate' is for currents in A, and the unit is {unit!r}")
+        return scales
     electrical = [unit for unit in units if unit in ("A", "V")]
     if not electrical:
         if table.has("gain"):
@@ -190,12 +174,9 @@ def effort_factors(
                 f"gain is for torques logged in A or V, and the unit is {units[0]!r}; scale and sign are for any unit"
             )
         return scales
-    gains = table.spread("gain", n, None)
+    gains = table.spread("gain", n, None) or robot_gains
     if gains is None:
-        if robot_gains is None:
-            table.fail(f"unit {electrical[0]!r} needs the drive gain: gain = number or list of {n}")
-        gains = list(robot_gains)
+        table.fail(f"unit {electrical[0]!r} needs the drive gain: gain = number or list of {n}")
     if not all(gains):
         table.fail("gain must not be zero")
-    factors = [gain if unit in ("A", "V") else 1.0 for unit, gain in zip(units, gains, strict=True)]
-    return _product(factors, scales)
+    return np.where([unit in ("A", "V") for unit in units], gains, 1.0) * scales

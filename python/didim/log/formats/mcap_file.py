@@ -29,14 +29,10 @@ CHANNEL = 4
 class McapJsonFile(ArrayFile):
     """Numbers of JSON messages by ``topic/field``; of a single topic by the name of the field alone.
 
-    Attributes
-    ----------
-    labels : mapping of str to sequence of str
-        Names of a matrix's columns, if the messages have a list of names of the same length.
+    Columns of a matrix have names if the messages have a list of names of the same length.
     """
 
     kind = "MCAP"
-    labels: Mapping[str, Sequence[str]] = {}
 
     def __init__(self, raw: bytes, name: str, topic: str | None = None) -> None:
         self._topic = topic
@@ -58,7 +54,7 @@ class McapJsonFile(ArrayFile):
             )
         chosen = {self._topic: rows[self._topic]} if self._topic is not None else rows
         self._values: dict[str, Any] = {}
-        self.labels = {}
+        labels = {}
         for topic, messages in chosen.items():
             prefix = f"{topic.strip('/')}/" if len(chosen) > 1 else ""
             names = _names(messages[0])
@@ -68,7 +64,8 @@ class McapJsonFile(ArrayFile):
                     continue
                 self._values[prefix + key] = values
                 if values.ndim == 2 and values.shape[1] == len(names):
-                    self.labels[prefix + key] = names
+                    labels[prefix + key] = names
+        self.labels = labels
         if not self._values:
             self.fail("its messages hold no numbers")
         return list(self._values)

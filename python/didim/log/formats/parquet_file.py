@@ -28,14 +28,10 @@ INFO = Path("meta") / "info.json"
 class ParquetFile(ArrayFile):
     """Columns of numbers of a Parquet file by their names; a column of lists of equal length is a matrix.
 
-    Attributes
-    ----------
-    labels : mapping of str to sequence of str
-        Names of a matrix's columns, if a LeRobot dataset has them.
+    Columns of a matrix have names if a LeRobot dataset has them.
     """
 
     kind = "Parquet"
-    labels: Mapping[str, Sequence[str]] = {}
 
     def variables(self) -> list[str]:
         """Names of the columns that hold numbers, or lists of numbers."""
