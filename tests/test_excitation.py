@@ -424,8 +424,8 @@ def test_a_ramp_through_an_obstacle_is_refused(planar: Robot) -> None:
     with pytest.raises(
         ExcitationError, match="comes too near: link 2 and the wall at x = 0\\.3 m; give another home"
     ):
-        ramp(np.array([-2.0, 0.0]), np.array([2.0, 0.0]), limits, clearance)
-    assert ramp(np.zeros(2), np.zeros(2), limits, clearance) is None
+        ramp(np.array([-2.0, 0.0]), np.array([2.0, 0.0]), limits, clearance, lambda *_: None)
+    assert ramp(np.zeros(2), np.zeros(2), limits, clearance, lambda *_: None) is None
 
 
 def test_a_motion_from_point_to_point_is_chosen_well(planar: Robot) -> None:

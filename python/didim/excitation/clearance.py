@@ -73,10 +73,10 @@ class Clearance:
         highest = np.full(3, np.inf) if workspace.highest is None else np.array(workspace.highest)
         if workspace.floor is not None:
             lowest[2] = max(lowest[2], workspace.floor)
-        moving = np.flatnonzero(self.links > 0)
-        # One wall each: capsule, axis, side, place.
+        self.moving = np.flatnonzero(self.links > 0)
+        # One wall each: axis, side, place.
         self.walls = [
-            (moving, axis, side, bound)
+            (axis, side, bound)
             for side, corner in ((1.0, lowest), (-1.0, highest))
             for axis, bound in enumerate(corner)
             if np.isfinite(bound)
@@ -99,16 +99,15 @@ class Clearance:
         return self._parts(points)[0]
 
     def _parts(self, points: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        columns = []
         i, j = self.pairs.T
         p, r = points[:, i], points[:, j]
         s, t = _nearest(p[..., 0, :], p[..., 1, :], r[..., 0, :], r[..., 1, :])
         between = _along(p, s) - _along(r, t)
         length = np.linalg.norm(between, axis=-1)
-        columns.append(length - (self.radii[i] + self.radii[j]))
-        for moving, axis, side, bound in self.walls:
-            gap = (side * (points[:, moving][..., axis] - bound)).min(axis=2)
-            columns.append(gap - self.radii[moving])
+        columns = [length - (self.radii[i] + self.radii[j])]
+        for axis, side, bound in self.walls:
+            gap = (side * (points[:, self.moving][..., axis] - bound)).min(axis=2)
+            columns.append(gap - self.radii[self.moving])
         distances = np.concatenate(columns, axis=1) - self.workspace.clearance
         direction = between / np.maximum(length, np.sqrt(TINY))[..., None]
         return distances, (s, t, direction)
@@ -122,8 +121,7 @@ class Clearance:
         points = self._points(poses)
         distances, (s, t, direction) = self._parts(points)
         short = np.maximum(extra - distances, 0.0) / scale
-        value = float((short**2).sum())
-        gradient = np.zeros_like(q)
+        value, gradient = float((short**2).sum()), np.zeros_like(q)
         if value == 0.0:
             return value, gradient
         samples = np.flatnonzero(short.any(axis=1))
@@ -141,19 +139,17 @@ class Clearance:
 
         n_pairs = len(self.pairs)
         slope = -2.0 / scale * short
-        if n_pairs:
-            i, j = self.pairs.T
-            pull = slope[:, :n_pairs, None] * direction
-            add(i, _along(points[:, i], s), pull)
-            add(j, _along(points[:, j], t), -pull)
-        first = n_pairs
-        for moving, axis, side, _ in self.walls:
-            nearer = (side * points[:, moving][..., axis]).argmin(axis=2)
-            at = np.take_along_axis(points[:, moving], nearer[..., None, None], axis=2)[:, :, 0]
+        i, j = self.pairs.T
+        pull = slope[:, :n_pairs, None] * direction
+        add(i, _along(points[:, i], s), pull)
+        add(j, _along(points[:, j], t), -pull)
+        for wall, (axis, side, _) in enumerate(self.walls):
+            nearer = (side * points[:, self.moving][..., axis]).argmin(axis=2)
+            at = np.take_along_axis(points[:, self.moving], nearer[..., None, None], axis=2)[:, :, 0]
             pull = np.zeros_like(at)
-            pull[..., axis] = side * slope[:, first : first + len(moving)]
-            add(moving, at, pull)
-            first += len(moving)
+            first = n_pairs + wall * len(self.moving)
+            pull[..., axis] = side * slope[:, first : first + len(self.moving)]
+            add(self.moving, at, pull)
         slopes = np.zeros((len(samples), self.robot.n_joints))
         for joint in reversed(geometry.outwards):
             parent = geometry.parents[joint]
@@ -175,13 +171,10 @@ class Clearance:
         if column < n_pairs:
             i, j = (int(self.links[k]) for k in self.pairs[column])
             return f"links {i} and {j}"
-        column -= n_pairs
-        for moving, axis, side, bound in self.walls:
-            if column < len(moving):
-                name = "floor" if axis == 2 and side > 0.0 else f"wall at {'xyz'[axis]} = {bound:g} m"
-                return f"link {int(self.links[moving[column]])} and the {name}"
-            column -= len(moving)
-        raise IndexError(column)
+        wall, capsule = divmod(column - n_pairs, len(self.moving))
+        axis, side, bound = self.walls[wall]
+        name = "floor" if axis == 2 and side > 0.0 else f"wall at {'xyz'[axis]} = {bound:g} m"
+        return f"link {int(self.links[self.moving[capsule]])} and the {name}"
 
 
 def _along(ends: Array, share: Array) -> Array:

@@ -101,16 +101,14 @@ def excite(
     return replace(motions, elapsed=time.perf_counter() - began)
 
 
-def _series(task: Task, progress: Progress | None, executor: Executor | None) -> Excitation:
+def _series(task: Task, progress: Progress, executor: Executor | None) -> Excitation:
     """Design a Fourier series."""
     settings, limits = task.settings, task.limits
     basis = SeriesBasis(period_s=settings.duration_s, harmonics=settings.harmonics)
     shrinks = task.limited or not task.clearance.empty
-    problems, starts = [], []
-    first: Series | None = None
+    problems, starts, randoms = [], [], []
     for index in range(settings.starts):
         scaling = ScaledSeries(basis, limits, task.start, shrinks)
-        problem = task.problem(scaling)
         trials = []
         for trial in range(TRIALS):
             seed = settings.seed + index + trial * TRIAL_SEED
@@ -121,14 +119,13 @@ def _series(task: Task, progress: Progress | None, executor: Executor | None) ->
                 share = (offset - limits.lowest) / (limits.highest - limits.lowest)
                 start = np.log(share / (1.0 - share))
             trials.append(scaling.pack(shape, start))
-            if first is None:
-                first = Series(basis=basis, scaled=shape, offset=offset)
-        problems.append(problem)
+            randoms.append(Series(basis=basis, scaled=shape, offset=offset))
+        problems.append(task.problem(scaling))
         starts.append(trials)
-    assert first is not None
-    random = problems[0].feasible(first)
+    random = problems[0].feasible(randoms[0])
+    threads = settings.threads or os.cpu_count() or 1
     reached, problems, interrupted = search_all(
-        problems, starts, settings.iterations, settings.seed, _threads(settings), progress, executor
+        problems, starts, settings.iterations, settings.seed, threads, progress, executor
     )
     ends = [_end(problem, one) for problem, one in zip(problems, reached, strict=True)]
     values = [
@@ -182,7 +179,7 @@ def _end(problem: Problem, variables: Array) -> Series | None:
     return problem.feasible(series)
 
 
-def _points(task: Task, progress: Progress | None) -> Excitation:
+def _points(task: Task, progress: Progress) -> Excitation:
     """Design a motion from point to point."""
     settings = task.settings
     if np.isfinite(task.limits.jerk).any():
@@ -193,27 +190,20 @@ def _points(task: Task, progress: Progress | None) -> Excitation:
     scaling = ScaledSeries(SeriesBasis(period_s=1.0, harmonics=4), task.limits, task.start, False)
     problem = task.problem(scaling)
     design = PointDesign(problem, settings.points, settings.dwell_s, task.rate, settings.duration_s)
-    best: tuple[float, Array, Array] | None = None
+    found: list[tuple[Array, Array]] = []
     values: list[float] = []
-    interrupted = False
-    first_random: Array | None = None
     for index in range(settings.starts):
         points, random, interrupted = design.search(settings.seed + index, task.start)
-        first_random = random if first_random is None else first_random
-        value = design.value([design.move(a, b) for a, b in pairwise(points)])
-        values.append(value)
-        if progress is not None:
-            progress(index + 1, 1, value)
-        if best is None or value > best[0]:
-            best = (value, points, random)
+        found.append((points, random))
+        values.append(design.value([design.move(a, b) for a, b in pairwise(points)]))
+        progress(index + 1, 1, values[-1])
         if interrupted:
             break
-    if best is None or first_random is None:
-        raise ExcitationError("the design needs at least one start")
-    reference = design.reference(best[1])
+    best, _ = found[int(np.argmax(values))]
+    reference = design.reference(best)
     table = {
         "kind": "point-to-point",
-        "points": best[1],
+        "points": best,
         "max_velocity": task.limits.velocity,
         "max_acceleration": task.limits.acceleration,
         "dwell_s": settings.dwell_s,
@@ -224,8 +214,7 @@ def _points(task: Task, progress: Progress | None) -> Excitation:
         q, dq, ddq = reference.at((np.arange(count) + 0.5) * (reference.duration / count))
         return q, dq, ddq, np.zeros_like(q)
 
-    random_motion = motion(design.reference(first_random), MOVE_RATE_HZ)
-    motions = (motion(reference, MOVE_RATE_HZ), random_motion)
+    motions = (motion(reference, MOVE_RATE_HZ), motion(design.reference(found[0][1]), MOVE_RATE_HZ))
     fine = motion(reference, MOVE_RATE_HZ * FINE)
     return _result(task, problem, reference, table, fine, motions, values, interrupted)
 
@@ -243,7 +232,7 @@ def _result(
     """Collect the properties of a motion in a result."""
     robot, settings, limits = task.robot, task.settings, task.limits
     use = limits.whole.use(*fine)
-    torques = problem.torques(fine)
+    torques = problem.torques(*fine[:3])
     if torques is not None:
         use["torque"] = np.asarray(np.abs(torques / limits.whole.torque).max(axis=0))
     nearest = None
@@ -251,14 +240,11 @@ def _result(
         distances = task.clearance.distances(fine[0]).min(axis=0)
         column = int(distances.argmin())
         nearest = (task.clearance.describe(column), float(distances[column]))
-    matrices, conditions = [], []
-    plain = Information(robot=robot, sigma=np.ones(robot.n_dof), samples=1.0, prior=np.zeros_like(task.prior))
     counted = Information(
         robot=robot, sigma=task.sigma, samples=task.rate * reference.duration, prior=task.prior
     )
-    for motion in motions:
-        matrices.append(counted.matrix(*motion[:3]))
-        conditions.append(condition_number(plain.matrix(*motion[:3])))
+    matrices = [counted.matrix(*motion[:3]) for motion in motions]
+    conditions = [condition_number(counted.plain.matrix(*motion[:3])) for motion in motions]
     return Excitation(
         robot=robot,
         settings=settings,
@@ -288,17 +274,8 @@ def _ramps(task: Task, problem: Problem, reference: Reference) -> tuple[Ramp | N
     """Return the motions from home to the start of a reference and from its end back, if there is a home."""
     if task.home is None:
         return None, None
-
-    def torques(q: Array, dq: Array, ddq: Array) -> Array | None:
-        return problem.torques((q, dq, ddq, ddq))
-
-    limited = torques if task.limited else None
     start, end = (reference.at([t])[0][0] for t in (0.0, reference.duration))
     return (
-        ramp(task.home, start, task.limits, task.clearance, limited),
-        ramp(end, task.home, task.limits, task.clearance, limited),
+        ramp(task.home, start, task.limits, task.clearance, problem.torques),
+        ramp(end, task.home, task.limits, task.clearance, problem.torques),
     )
-
-
-def _threads(settings: ExcitationSettings) -> int:
-    return settings.threads or os.cpu_count() or 1

@@ -86,7 +86,7 @@ class PointDesign:
 
     def keeps(self, q: Array, dq: Array, ddq: Array, share: float = 1.0) -> bool:
         """Whether a motion respects a share of the torque limits, and the clearances."""
-        torques = self.problem.torques((q, dq, ddq, ddq)) if self.problem.limited else None
+        torques = self.problem.torques(q, dq, ddq)
         if torques is not None and (np.abs(torques) > share * self.limits.torque).any():
             return False
         clearance = self.problem.clearance
@@ -104,12 +104,12 @@ class PointDesign:
         """
         rng = np.random.default_rng(seed)
         points = self._random(rng, first)
-        random = points.copy()
+        random, interrupted = points.copy(), False
         try:
             self._exchange(points, rng, first)
         except KeyboardInterrupt:
-            return points, random, True
-        return points, random, False
+            interrupted = True
+        return points, random, interrupted
 
     def _exchange(self, points: Array, rng: np.random.Generator, first: Array | None) -> None:
         """Exchange points, in place, for random ones with more information."""
@@ -133,9 +133,6 @@ class PointDesign:
                         best, moves = value, tried
                         points[k] = candidate
 
-    def _passable(self, a: Array, b: Array) -> bool:
-        return self.move(a, b).feasible and self.verified(a, b)
-
     def value(self, moves: Sequence[_Move]) -> float:
         """Return the criterion of moves repeated for the duration of the design, which favours quick moves."""
         seconds = sum(move.duration for move in moves)
@@ -149,29 +146,32 @@ class PointDesign:
         return np.asarray(low + share * (high - low))
 
     def _random(self, rng: np.random.Generator, first: Array | None) -> Array:
-        points = [first] if first is not None else []
+        points = [] if first is None else [first]
         middle = (self.limits.lowest + self.limits.highest) / 2.0
+
+        def passable(a: Array, b: Array) -> bool:
+            return self.move(a, b).feasible and self.verified(a, b)
+
+        def reachable(candidate: Array) -> bool:
+            if not points:
+                rest = np.zeros((1, len(candidate)))
+                return self.keeps(candidate[None], rest, rest)
+            closes = first is not None and len(points) == self.count - 2
+            return passable(points[-1], candidate) and (not closes or passable(candidate, first))
+
         while len(points) < self.count - (first is not None):
             for shrink in np.linspace(1.0, 0.2, TRIES):
                 # Candidates approach the previous point until one is reachable.
                 at = points[-1] if points else middle
                 candidate = at + shrink * (self._draw(rng, 1)[0] - at)
-                if not points:
-                    rest = np.zeros_like(candidate)[None]
-                    if self.keeps(candidate[None], rest, rest):
-                        break
-                elif self._passable(points[-1], candidate) and (
-                    first is None or len(points) < self.count - 2 or self._passable(candidate, first)
-                ):
+                if reachable(candidate):
                     break
             else:
                 raise ExcitationError(
                     "no random motion keeps the torque limits and the clearances: the limits leave no room"
                 )
             points.append(candidate)
-        if first is not None:
-            points.append(first)
-        return np.array(points)
+        return np.array(points if first is None else [*points, first])
 
 
 def _sampled(reference: Reference, rate_hz: float) -> tuple[Array, Array, Array]:

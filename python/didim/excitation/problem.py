@@ -50,6 +50,12 @@ class Information:
         """Columns of the base parameters in the regressor."""
         return list(self.robot.base_parameters.indices)
 
+    @property
+    def plain(self) -> Information:
+        """Information of a motion alone, ``W' W`` over the number of samples: without noise and without a prior."""
+        n = self.robot.n_dof
+        return Information(robot=self.robot, sigma=np.ones(n), samples=1.0, prior=np.zeros_like(self.prior))
+
     def matrix(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the information of a motion on any uniform grid, prior included."""
         return self.prior + self.own(q, dq, ddq, self.samples)
@@ -92,7 +98,6 @@ class Problem:
     ) -> None:
         self.series, self.information, self.criterion = series, information, criterion
         self.x, self.clearance = x, clearance
-        self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
         # Tolerance of the penalties, reduced by `tighten` according to the fine grid.
         self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
         # Every sample of the grid is used, or every k-th.
@@ -106,9 +111,10 @@ class Problem:
         value, derivative = self.criterion(information.matrix(q, dq, ddq))
         weight *= self.thinning
         objective, torque_weights = -value, None
-        if self.limited and self.x is not None:
+        torques = self.torques(q, dq, ddq)
+        if torques is not None:
             largest = self.torque_share * self.series.limits.torque
-            relative = inverse_dynamics(information.robot, q, dq, ddq, self.x) / largest
+            relative = torques / largest
             excess = np.maximum(np.abs(relative) - 1.0, 0.0)
             if excess.any():
                 objective += weight * float((excess**2).sum())
@@ -138,21 +144,19 @@ class Problem:
         whole[:: self.thinning] = values
         return whole
 
-    def torques(self, motion: tuple[Array, Array, Array, Array]) -> Array | None:
-        """Torques of a motion (N.m or N), ``(n_samples, n_dof)``; None without parameters."""
-        if self.x is None:
-            return None
-        return inverse_dynamics(self.information.robot, *motion[:3], self.x)
+    def torques(self, q: Array, dq: Array, ddq: Array) -> Array | None:
+        """Torques of a motion (N.m or N), ``(n_samples, n_dof)``; None where torques are not limited."""
+        return None if self.x is None else inverse_dynamics(self.information.robot, q, dq, ddq, self.x)
 
     def excess(self, series: Series) -> tuple[Array, float]:
         """Return the excess over each torque limit (relative) and the missing clearance (m) of a motion, on the fine grid."""
-        motion = series.motion(FINE)
+        q, dq, ddq, _ = series.motion(FINE)
         torque, clearance = np.zeros(self.series.n), 0.0
-        torques = self.torques(motion) if self.limited else None
+        torques = self.torques(q, dq, ddq)
         if torques is not None:
             torque = np.maximum(np.abs(torques / self.series.limits.torque).max(axis=0) - 1.0, 0.0)
         if not self.clearance.empty:
-            clearance = max(0.0, -float(self.clearance.distances(motion[0]).min()))
+            clearance = max(0.0, -float(self.clearance.distances(q).min()))
         return torque, clearance
 
     def keeps(self, series: Series) -> bool:

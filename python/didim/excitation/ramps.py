@@ -5,6 +5,7 @@ Tested in ``tests/test_excitation.py``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,11 @@ class Ramp:
 
 
 def ramp(
-    start: Array, end: Array, limits: MotionLimits, clearance: Clearance, torques: object = None
+    start: Array,
+    end: Array,
+    limits: MotionLimits,
+    clearance: Clearance,
+    torques: Callable[[Array, Array, Array], Array | None],
 ) -> Ramp | None:
     """Return the shortest quintic within all limits, or None if start and end coincide.
 
@@ -65,8 +70,8 @@ def ramp(
         Velocities, accelerations, jerks, torques.
     clearance : Clearance
         Clearances.
-    torques : callable or None
-        Torques of ``q dq ddq``; None if they are not limited.
+    torques : callable
+        Torques of ``q dq ddq``, (n_samples, n_dof); None if they are not limited.
 
     Raises
     ------
@@ -77,11 +82,10 @@ def ramp(
     if not span.any():
         return None
     kinds = (limits.velocity, limits.acceleration, limits.jerk)
-    needed = [
-        float((peak * span / limit).max()) ** (1.0 / (order + 1))
-        for order, (peak, limit) in enumerate(zip(PEAKS, kinds, strict=True))
-    ]
-    duration = max(needed)
+    duration = max(
+        float((peak * span / limit).max()) ** (1.0 / order)
+        for order, (peak, limit) in enumerate(zip(PEAKS, kinds, strict=True), 1)
+    )
     shortest = Ramp(start=start, end=end, duration=duration)
     if not clearance.empty:
         distances = clearance.distances(shortest.at(np.linspace(0.0, duration, LOOKS))[0])
@@ -92,13 +96,11 @@ def ramp(
                 "give another home or another start"
             )
     for _ in range(MOST_LONGER):
-        if not callable(torques):
-            return shortest
-        relative = np.abs(torques(*shortest.at(np.linspace(0.0, shortest.duration, LOOKS)))) / limits.torque
-        if (relative <= 1.0).all():
+        needed = torques(*shortest.at(np.linspace(0.0, shortest.duration, LOOKS)))
+        if needed is None or (np.abs(needed) <= limits.torque).all():
             return shortest
         shortest = Ramp(start=start, end=end, duration=LONGER * shortest.duration)
-    joint = int(relative.max(axis=0).argmax()) + 1
+    joint = int((np.abs(needed) / limits.torque).max(axis=0).argmax()) + 1
     raise ExcitationError(
         f"the ramp between home and the start of the motion needs more torque of joint {joint} than its limit, at any speed; "
         "give another home or another start"

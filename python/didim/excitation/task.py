@@ -180,19 +180,15 @@ class Task:
                 )
         return np.array(sorted({names.index(name) for name in self.settings.wanted}))
 
-    def information(self, samples: float) -> Information:
-        """Return the information of the criterion: with the noise, or without it for the condition number of W."""
-        bare = self.settings.criterion == "condition"
-        n = self.robot.n_dof
-        return Information(
-            robot=self.smooth,
-            sigma=np.ones(n) if bare else self.sigma,
-            samples=1.0 if bare else samples,
-            prior=np.zeros_like(self.prior) if bare else self.prior,
-        )
-
     def problem(self, series: ScaledSeries) -> Problem:
-        """Return the problem of one start."""
-        samples = self.rate * self.settings.duration_s * self.settings.periods
+        """Return the problem of one start; the condition number of W is one of the motion alone, without noise."""
+        information = Information(
+            robot=self.smooth,
+            sigma=self.sigma,
+            samples=self.rate * self.settings.duration_s * self.settings.periods,
+            prior=self.prior,
+        )
+        if self.settings.criterion == "condition":
+            information = information.plain
         chosen = criterion(self.settings.criterion, self.wanted)
-        return Problem(series, self.information(samples), chosen, self.x, self.clearance)
+        return Problem(series, information, chosen, self.x if self.limited else None, self.clearance)

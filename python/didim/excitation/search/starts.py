@@ -100,7 +100,7 @@ class _Search:
         """Return the best variables."""
         self._best = starts[0]
         problem = self._problem
-        penalised = problem.limited or not problem.clearance.empty
+        penalised = problem.x is not None or not problem.clearance.empty
         try:
             problem.series.power, problem.thinning = POWERS[0], THINNED
             self._climb(starts)
