@@ -280,7 +280,7 @@ position_noise_rad = 1e-5
     assert not np.array_equal(truth.noisy(1).recordings[0].q, noisy.q)
     np.testing.assert_array_equal(truth.noisy(0).recordings[0].q, noisy.q)
     with pytest.raises(StudyError, match="must be a multiple of the 200 Hz of the log, got 300"):
-        replace(truth, noise_in_loop_hz=300.0).noisy(0)
+        replace(truth, shared={**truth.shared, "noise_in_loop_hz": 300.0}).noisy(0)
 
 
 def test_noise_in_the_loop_is_for_a_plain_pd() -> None:

@@ -56,11 +56,19 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
         inverse = half.T @ half
         value = 2.0 * float(np.log(np.diag(factor)).sum() + np.log(scale).sum())
         return value, np.asarray(inverse / np.outer(scale, scale))
-    values, vectors = np.linalg.eigh(unit)
-    values = np.maximum(values, FLOOR * values[-1])
+    inverse, values = scaled_inverse(matrix, scale, FLOOR)
+    return float(np.log(values).sum() + 2.0 * np.log(scale).sum()), inverse
+
+
+def scaled_inverse(matrix: Array, scale: Array, floor: float) -> tuple[Array, Array]:
+    """Return the inverse of a symmetric matrix, and its eigenvalues for rows and columns over `scale`.
+
+    Eigenvalues below a share `floor` of the largest one are rounding, and raised to it.
+    """
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values = np.maximum(values, floor * values[-1])
     scaled = vectors / scale[:, None]
-    value = float(np.log(values).sum() + 2.0 * np.log(scale).sum())
-    return value, np.asarray((scaled / values) @ scaled.T)
+    return np.asarray((scaled / values) @ scaled.T), values
 
 
 def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:

@@ -16,6 +16,7 @@ from .._tools.pickling import Pickled
 from .._tools.words import series
 from ..loop.reference import Reference
 from ..robot.robot import Robot
+from .criterion import scaled_inverse
 from .limits import MotionLimits
 from .ramps import Ramp, whole_motion
 from .settings import ExcitationSettings
@@ -217,12 +218,9 @@ class Excitation(Pickled, Printed):
 
 def _inverse(matrix: Array) -> Array:
     scale = np.sqrt(np.diag(matrix))
-    # A parameter without any effect has a row of zeros and an eigenvalue of zero in any unit.
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    scaled = vectors / scale[:, None]
-    # Eigenvalues that rounding made zero or negative mean an infinite standard deviation.
-    return np.asarray((scaled / np.maximum(values, np.finfo(float).eps * values[-1])) @ scaled.T)
+    # A parameter without any effect has a row of zeros and an eigenvalue of zero in any unit. Eigenvalues that rounding made zero
+    # or negative mean an infinite standard deviation.
+    return scaled_inverse(matrix, np.where(scale > 0.0, scale, 1.0), float(np.finfo(float).eps))[0]
 
 
 def standard_deviations(information: Array) -> Array:

@@ -134,10 +134,7 @@ def joint_trajectory(design: Excitation) -> Iterator[str]:
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
     """Names of the joints: those of the robot's description, or ``joint_1``, ``joint_2``, ..."""
-    names = getattr(robot, "joint_names", None) or ()
-    if len(names) == robot.n_dof:
-        return tuple(names)
-    return tuple(f"joint_{joint + 1}" for joint in range(robot.n_dof))
+    return robot.joint_names or tuple(f"joint_{joint + 1}" for joint in range(robot.n_dof))
 
 
 def _numbers(row: Array | list[float]) -> str:

@@ -47,29 +47,27 @@ class MotionLimits:
     assumed: tuple[str, ...] = ()
 
     @property
+    def middle(self) -> Array:
+        """Middle of the ranges of the positions, ``(n_dof,)``."""
+        return np.asarray((self.highest + self.lowest) / 2.0)
+
+    @property
     def whole(self) -> MotionLimits:
         """The user's limits, without the margin."""
-        middle, half = (self.highest + self.lowest) / 2.0, (self.highest - self.lowest) / 2.0 / self.margin
-        return replace(
-            self,
-            lowest=middle - half,
-            highest=middle + half,
-            velocity=self.velocity / self.margin,
-            acceleration=self.acceleration / self.margin,
-            jerk=self.jerk / self.margin,
-            torque=self.torque / self.margin,
-            margin=1.0,
-        )
+        half = (self.highest - self.lowest) / 2.0 / self.margin
+        largest = ("velocity", "acceleration", "jerk", "torque")
+        whole = {name: getattr(self, name) / self.margin for name in largest}
+        return replace(self, lowest=self.middle - half, highest=self.middle + half, margin=1.0, **whole)
 
     def use(self, q: Array, dq: Array, ddq: Array, jerk: Array) -> dict[str, Array]:
         """Return the largest use of each limit, as a share per joint; positions count from the middle of the range."""
-        middle, half = (self.highest + self.lowest) / 2.0, (self.highest - self.lowest) / 2.0
-        return {
-            "position": np.asarray(np.abs((q - middle) / half).max(axis=0)),
-            "velocity": np.asarray(np.abs(dq / self.velocity).max(axis=0)),
-            "acceleration": np.asarray(np.abs(ddq / self.acceleration).max(axis=0)),
-            "jerk": np.asarray(np.abs(jerk / self.jerk).max(axis=0)),
+        shares = {
+            "position": (q - self.middle) / ((self.highest - self.lowest) / 2.0),
+            "velocity": dq / self.velocity,
+            "acceleration": ddq / self.acceleration,
+            "jerk": jerk / self.jerk,
         }
+        return {kind: np.asarray(np.abs(share).max(axis=0)) for kind, share in shares.items()}
 
 
 Values = float | Sequence[float] | None

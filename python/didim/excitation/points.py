@@ -147,7 +147,6 @@ class PointDesign:
 
     def _random(self, rng: np.random.Generator, first: Array | None) -> Array:
         points = [] if first is None else [first]
-        middle = (self.limits.lowest + self.limits.highest) / 2.0
 
         def passable(a: Array, b: Array) -> bool:
             return self.move(a, b).feasible and self.verified(a, b)
@@ -162,7 +161,7 @@ class PointDesign:
         while len(points) < self.count - (first is not None):
             for shrink in np.linspace(1.0, 0.2, TRIES):
                 # Candidates approach the previous point until one is reachable.
-                at = points[-1] if points else middle
+                at = points[-1] if points else self.limits.middle
                 candidate = at + shrink * (self._draw(rng, 1)[0] - at)
                 if reachable(candidate):
                     break

@@ -183,7 +183,6 @@ class ScaledSeries:
         limits, n = self.limits, self.n
         shape = v[: self.free * n].reshape(self.free, n)
         rest = v[self.free * n :]
-        center = rest[:n] if self.start is None else None
         shrink = rest[-n:] if self.shrinks else np.zeros(n)
         kappa = 1.0 / (1.0 + shrink**2)
         values = [basis @ shape for basis in self.basis.grid]
@@ -209,17 +208,16 @@ class ScaledSeries:
             for basis, part, share in zip(self.basis.grid, [slope, *slopes], weight, strict=True)
         )
         scale = kappa / use
-        offset, share = self.start, None
-        if center is not None:
+        offset, extent = self.start, None
+        if self.start is None:
             with np.errstate(over="ignore"):  # the share vanishes far outside
-                share = 1.0 / (1.0 + np.exp(-center))
+                share = 1.0 / (1.0 + np.exp(-rest[:n]))
             room = width - scale * (above + below)
             offset = limits.lowest + scale * below + share * room
+            grid = self.basis.grid[0].T
+            extent = (share, above, below, grid @ d_above, -grid @ d_below)
         series = Series(basis=self.basis, scaled=scale * shape, offset=np.asarray(offset))
-        chain = _Way(shape, kappa, shrink, use, np.asarray(change), scale, share)
-        if share is not None:
-            chain.extent = (above, below, self.basis.grid[0].T @ d_above, -self.basis.grid[0].T @ d_below)
-        return series, chain
+        return series, _Way(shape, kappa, shrink, use, np.asarray(change), scale, extent)
 
     def back(self, chain: _Way, gq: Array, gdq: Array, gddq: Array) -> Array:
         """Return the gradient with respect to the variables from gradients with respect to the motion on the grid."""
@@ -229,24 +227,22 @@ class ScaledSeries:
         grad_shape = scaled * scale
         grad_scale = (scaled * shape).sum(axis=0)
         parts = []
-        if chain.share is not None:
-            above, below, d_above, d_below = chain.extent
+        if chain.extent is not None:
+            share, above, below, d_above, d_below = chain.extent
             to_offset = gq.sum(axis=0)
             # offset = lowest + (1 - share) scale below + share (width - scale above)
-            grad_scale = grad_scale + to_offset * ((1.0 - chain.share) * below - chain.share * above)
-            grad_shape = grad_shape + to_offset * scale * (
-                (1.0 - chain.share) * d_below - chain.share * d_above
-            )
+            grad_scale = grad_scale + to_offset * ((1.0 - share) * below - share * above)
+            grad_shape = grad_shape + to_offset * scale * ((1.0 - share) * d_below - share * d_above)
             width = self.limits.highest - self.limits.lowest
             room = width - scale * (above + below)
-            parts.append(to_offset * room * chain.share * (1.0 - chain.share))
+            parts.append(to_offset * room * share * (1.0 - share))
         grad_shape = grad_shape - grad_scale * (scale / chain.use) * chain.change
         if self.shrinks:
             parts.append(grad_scale / chain.use * (-2.0 * chain.shrink * chain.kappa**2))
         return np.concatenate([grad_shape.ravel(), *parts])
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Way:
     """Intermediate values of `ScaledSeries.build`."""
 
@@ -256,5 +252,4 @@ class _Way:
     use: Array
     change: Array
     scale: Array
-    share: Array | None
-    extent: tuple[Array, Array, Array, Array] = (np.empty(0),) * 4
+    extent: tuple[Array, Array, Array, Array, Array] | None

@@ -67,7 +67,7 @@ class Task:
         self.x = self._parameters(robot)
         self.rate = settings.rate_hz if settings.log_rate_hz is None else settings.log_rate_hz
         self.sigma = self._noise()
-        capsules = (*getattr(robot, "collision", ()), *settings.capsules)
+        capsules = (*robot.collision, *settings.capsules)
         self.clearance = Clearance(robot, capsules, settings.workspace)
         self.start = self._pose("start", settings.start)
         self.home = self._pose("home", settings.home)
@@ -156,10 +156,10 @@ class Task:
 
     def resting_place(self, seed: int) -> Array:
         """Return the centre of a free motion: the middle of the ranges, or a random pose in which the robot can rest."""
-        middle = (self.limits.lowest + self.limits.highest) / 2.0
+        middle = self.limits.middle
         why = self._cannot_rest(middle)
         if not why:
-            return np.asarray(middle)
+            return middle
         rng = np.random.default_rng(seed)
         for _ in range(REST_POSES):
             pose = self.limits.lowest + rng.random(len(middle)) * (self.limits.highest - self.limits.lowest)

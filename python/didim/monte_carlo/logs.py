@@ -44,8 +44,8 @@ class Truth:
         Without a recording.
     x : (n_parameters,) array
         Standard parameters.
-    refinement, noise_in_loop_hz, root, keys
-        Settings of the log's steps, of a controller that reads the noise, and of the random numbers.
+    shared, keys
+        What the tasks of the study share, and the keys of the scenario.
     other : tuple of (n_samples, n_dof) arrays, or None
         Position, velocity, acceleration and true torque of the other motion.
     """
@@ -53,9 +53,7 @@ class Truth:
     key: str
     experiment: Experiment
     x: Array
-    refinement: int
-    noise_in_loop_hz: float | None
-    root: int
+    shared: Mapping[str, Any]
     keys: Keys
     other: tuple[Array, Array, Array, Array] | None
 
@@ -68,20 +66,23 @@ class Truth:
         ExperimentError
             When the log cannot be simulated.
         """
-        return simulated_log(self.experiment, self.x, noise=False, refinement=self.refinement)
+        return simulated_log(self.experiment, self.x, noise=False, refinement=self.shared["refinement"])
 
     def noisy(self, seed: int) -> Experiment:
         """Return the log of a seed."""
-        numbers = random_numbers(self.root, self.keys, seed, NOISE)
-        if self.noise_in_loop_hz is not None:
-            return measured_in_loop(self.experiment, self.x, _integer(numbers), self.noise_in_loop_hz)
-        return measured(self.clean, _integer(numbers))
+        # The seed of `Measurement` is an integer.
+        numbers = random_numbers(self.shared["root"], self.keys, seed, NOISE)
+        high, low = numbers.generate_state(2, np.uint64).tolist()
+        number, in_loop_hz = int((high << 64) | low), self.shared["noise_in_loop_hz"]
+        if in_loop_hz is not None:
+            return measured_in_loop(self.experiment, self.x, number, in_loop_hz)
+        return measured(self.clean, number)
 
     def starts(self, seed: int, model: Model) -> Callable[[float], Array]:
         """Return a function that draws a start: the true base parameters, each times a random factor within 1 -+ spread."""
 
         def draw(spread: float) -> Array:
-            rng = np.random.default_rng(random_numbers(self.root, self.keys, seed, STARTS))
+            rng = np.random.default_rng(random_numbers(self.shared["root"], self.keys, seed, STARTS))
             factors = 1.0 + spread * rng.uniform(-1.0, 1.0, len(model.beta))
             return np.asarray(np.nan_to_num(model.beta) * factors)
 
@@ -96,10 +97,8 @@ class Model:
     ----------
     experiment : Experiment
         Without a recording.
-    names, units : tuple of str
-        Base parameters of its robot.
     beta : (b,) array
-        Their true values; NaN for parameters that the simulated robot does not have.
+        True values of the base parameters of its robot; NaN for parameters that the simulated robot does not have.
     method : dict
         Settings of all methods.
     other : tuple or None
@@ -107,8 +106,6 @@ class Model:
     """
 
     experiment: Experiment
-    names: tuple[str, ...]
-    units: tuple[str, ...]
     beta: Array
     method: Mapping[str, Any]
     other: tuple[Array, Array, Array, Array] | None
@@ -140,9 +137,7 @@ def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:
         key=canonical([parts.truth, parts.truth_robot]),
         experiment=experiment,
         x=x,
-        refinement=shared["refinement"],
-        noise_in_loop_hz=shared["noise_in_loop_hz"],
-        root=shared["root"],
+        shared=shared,
         keys=keys,
         other=_other_motion(shared, parts.truth, robot, x),
     )
@@ -161,11 +156,8 @@ def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> 
     robot = _robot(shared, {**parts.model_robot, **model_parts.model_robot})
     experiment = _experiment(shared, {**parts.model, **model_parts.model}, robot)
     experiment = replace(experiment, robot=experiment.simulated_robot)
-    base = experiment.robot.base_parameters
     return Model(
         experiment=experiment,
-        names=tuple(base.names),
-        units=tuple(base.units),
         beta=_true_values(experiment.robot, truth),
         method=parts.method,
         other=truth.other,
@@ -206,12 +198,6 @@ def _other_motion(
     q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, OTHER_SAMPLES))
     simulated = experiment.simulated_robot
     return q, dq, ddq, inverse_dynamics(simulated, q, dq, ddq, x)
-
-
-def _integer(numbers: np.random.SeedSequence) -> int:
-    """Return the seed for `Measurement`."""
-    high, low = numbers.generate_state(2, np.uint64).tolist()
-    return int((high << 64) | low)
 
 
 def measured_in_loop(experiment: Experiment, x: Array, seed: int, rate_hz: float) -> Experiment:

@@ -7,6 +7,7 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,10 @@ from .keys import Keys
 
 SCHEMA = 1
 """Version of the file format that this code reads."""
+SHARED = (
+    "experiment", "robot", "files", "parameters", "refinement", "noise_in_loop_hz", "other_motion", "root",
+)  # fmt: skip
+"""Fields of a study that all its tasks have in common."""
 MOST_SCENARIOS = 100_000
 """Upper bound of the scenarios of a study: more are a mistake in a grid."""
 
@@ -116,18 +121,9 @@ class StudySpec:
 
     def shared(self) -> dict[str, Any]:
         """Return the common part of the study's tasks, as plain data."""
-        return {
-            "experiment": dict(self.experiment),
-            "robot": dict(self.robot),
-            "files": list(self.files),
-            "parameters": self.parameters,
-            "refinement": self.refinement,
-            "noise_in_loop_hz": self.noise_in_loop_hz,
-            "other_motion": dict(self.other_motion),
-            "root": self.root,
-            # Only if there are any, which preserves the ids of other studies' rows.
-            **({"sources": dict(self.sources)} if self.sources else {}),
-        }
+        shared = {key: getattr(self, key) for key in SHARED}
+        # Only if there are any, which preserves the ids of other studies' rows.
+        return shared | ({"sources": self.sources} if self.sources else {})
 
 
 def canonical(value: object, what: str = "the study") -> str:
@@ -241,8 +237,7 @@ def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:
 
 def _repeat(table: Table) -> tuple[int, int]:
     repeat = table.table("repeat")
-    seeds = repeat.integer("seeds")
-    root = repeat.integer("root")
+    seeds, root = repeat.integer("seeds"), repeat.integer("root")
     repeat.done()
     return seeds, root
 
@@ -253,9 +248,7 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
     for key, values in axes.items():
         if not isinstance(values, list) or not values:
             table.fail(f"[grid] {key} must be a list of values, got {values!r}")
-    count = 1
-    for values in axes.values():
-        count *= len(values)
+    count = prod(map(len, axes.values()))
     named = []
     for part in table.tables("scenario"):
         keys = part.content
@@ -263,10 +256,9 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
         if not isinstance(name, str) or not name:
             part.fail("a scenario needs a name")
         named.append((name, keys))
-    if count * max(1, len(named)) > MOST_SCENARIOS:
-        table.fail(
-            f"[grid] makes {count * max(1, len(named))} scenarios; at most {MOST_SCENARIOS} are possible"
-        )
+    count *= max(1, len(named))
+    if count > MOST_SCENARIOS:
+        table.fail(f"[grid] makes {count} scenarios; at most {MOST_SCENARIOS} are possible")
     shown = [key for key, values in axes.items() if len(values) > 1]
     scenarios = []
     for name, keys in named or [("", {})]:
@@ -278,12 +270,7 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
             varied = ", ".join(f"{key} = {_short(chosen[key])}" for key in shown)
             title = ", ".join(text for text in (name, varied) if text) or "as the files are"
             scenarios.append(Scenario(name=title, keys={**keys, **chosen}))
-    _distinct(
-        table,
-        "scenario",
-        [scenario.name for scenario in scenarios],
-        [canonical(scenario.keys) for scenario in scenarios],
-    )
+    _distinct(table, "scenario", [(scenario.name, canonical(scenario.keys)) for scenario in scenarios])
     return tuple(scenarios)
 
 
@@ -301,12 +288,8 @@ def _methods(table: Table) -> tuple[MethodSpec, ...]:
     if not isinstance(given, Sequence) or not given:
         table.fail("method must be a list of methods: names, or tables with a name and settings")
     methods = [_method(table, method) for method in given]
-    _distinct(
-        table,
-        "method",
-        [method.label for method in methods],
-        [canonical([method.name, dict(method.settings), dict(method.keys)]) for method in methods],
-    )
+    contents = [canonical([method.name, method.settings, method.keys]) for method in methods]
+    _distinct(table, "method", [(made.label, text) for made, text in zip(methods, contents, strict=True)])
     return tuple(methods)
 
 
@@ -332,9 +315,10 @@ def _method(table: Table, entry: object) -> MethodSpec:
     return MethodSpec(label=label, name=name, settings=settings, keys=keys, seeds=seeds)
 
 
-def _distinct(table: Table, what: str, names: Sequence[str], contents: Sequence[str]) -> None:
+def _distinct(table: Table, what: str, entries: Sequence[tuple[str, str]]) -> None:
     """Refuse duplicates in name or content."""
-    for values, how in ((names, "the same name"), (contents, "the same content")):
+    names = [name for name, _ in entries]
+    for values, how in ((names, "the same name"), ([text for _, text in entries], "the same content")):
         twice = sorted({name for name, value in zip(names, values, strict=True) if values.count(value) > 1})
         if twice:
             table.fail(f"two entries of {what!r} have {how}: {listing(twice)}")

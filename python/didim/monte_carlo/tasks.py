@@ -48,21 +48,14 @@ def tasks(spec: StudySpec) -> Iterator[Task]:
 
 
 def _task(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> Task:
-    what = None if method is None else [method.name, dict(method.settings), dict(method.keys)]
+    what = None if method is None else [method.name, method.settings, method.keys]
     # Everything that determines a row; names and labels do not.
-    determined = [common["version"], common["digest"], dict(scenario.keys), what, seed]
+    determined = [common["version"], common["digest"], scenario.keys, what, seed]
     return {
         **common,
         "id": digest(canonical(determined)),
-        "scenario": {"name": scenario.name, "keys": dict(scenario.keys)},
-        "method": None
-        if method is None
-        else {
-            "label": method.label,
-            "name": method.name,
-            "settings": dict(method.settings),
-            "keys": dict(method.keys),
-        },
+        "scenario": vars(scenario),
+        "method": None if method is None else vars(method),
         "seed": seed,
     }
 

@@ -108,24 +108,20 @@ def run_task(task: Task) -> dict[str, Any]:
         "pid": os.getpid(),
         "memory_mb": _memory_mb(),
     }
-    return {
-        "id": task["id"],
-        "status": row["status"],
-        "row": _line(sealed({**_head(task), **row})),
-        "times": _line(times),
-    }
+    return _lines(task, row, _line(times))
 
 
 def lost_row(task: Task, sentence: str) -> dict[str, Any]:
     """Return the row of a task whose workers died."""
-    row = {**_head(task), "status": LOST, "sentence": sentence}
-    return {"id": task["id"], "status": LOST, "row": _line(sealed(row)), "times": None}
+    return _lines(task, {"status": LOST, "sentence": sentence}, None)
 
 
-def _head(task: Task) -> dict[str, Any]:
-    """Return what a row says of its task."""
+def _lines(task: Task, row: dict[str, Any], times: str | None) -> dict[str, Any]:
+    """Return the result of a task: the line of its row, which begins with what it says of the task, and that of its times."""
     method = None if task["method"] is None else task["method"]["label"]
-    return {"id": task["id"], "scenario": task["scenario"]["name"], "method": method, "seed": task["seed"]}
+    head = {"id": task["id"], "scenario": task["scenario"]["name"], "method": method, "seed": task["seed"]}
+    line = _line(sealed({**head, **row}))
+    return {"id": task["id"], "status": row["status"], "row": line, "times": times}
 
 
 def sealed(row: dict[str, Any]) -> dict[str, Any]:
@@ -158,7 +154,7 @@ def _truth(task: Task, shared: dict[str, Any]) -> Truth:
 
     def make() -> Truth:
         truth = truth_of(shared, keys)
-        if truth.noise_in_loop_hz is None:
+        if shared["noise_in_loop_hz"] is None:
             truth.clean  # noqa: B018 - one thread simulates it here
         return truth
 
@@ -170,14 +166,15 @@ def _truth_row(task: Task) -> dict[str, Any]:
     shared = _shared(task)
     truth = _truth(task, shared)
     model = model_of(shared, task["scenario"]["keys"], {}, truth)
+    base = model.experiment.robot.base_parameters
     clean, noisy = truth.clean.recordings[0], truth.noisy(0).recordings[0]
     assert clean.tau is not None
     assert noisy.tau is not None
     return {
         "status": TRUTH,
         "keys": task["scenario"]["keys"],
-        "names": list(model.names),
-        "units": list(model.units),
+        "names": list(base.names),
+        "units": list(base.units),
         "truth": _plain(model.beta),
         "samples": len(clean.q),
         "rate_hz": clean.rate_hz,
