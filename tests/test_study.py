@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -303,7 +304,7 @@ def test_noise_in_the_loop_is_for_a_plain_pd() -> None:
 def test_another_process_that_writes_is_noticed(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
     path = tmp_path / "rows.jsonl"
-    with RowFile(path), pytest.raises(StudyError, match="another process"):
+    with closing(RowFile(path)), pytest.raises(StudyError, match="another process"):
         study(SPEC, path, executor="serial")
 
 

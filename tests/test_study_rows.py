@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def write(path: Path, *rows: dict[str, Any], end: str = "") -> Path:
 def test_an_unfinished_line_is_cut_off_before_more_is_appended(tmp_path: Path) -> None:
     path = write(tmp_path / "rows.jsonl", sealed(row("a")), end='{"id": "b", "scen')
     before = path.read_text()
-    with RowFile(path) as file:
+    with closing(RowFile(path)) as file:
         assert path.read_text() == before
         file.append(json.dumps(sealed(row("b"))))
     rows = read_rows(path)
@@ -54,7 +55,7 @@ def test_an_unfinished_line_of_any_length_is_cut_off(tmp_path: Path, size: int) 
     for start in ("", json.dumps(row("a")) + "\n"):
         path = tmp_path / "rows.jsonl"
         path.write_text(start + '{"id":' + "x" * size)
-        with RowFile(path) as file:
+        with closing(RowFile(path)) as file:
             file.append("next")
         assert path.read_text() == start + "next\n"
 
@@ -157,7 +158,7 @@ def test_truths_and_times_are_kept_apart(tmp_path: Path) -> None:
 def test_two_studies_cannot_write_to_one_file(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
     path = tmp_path / "rows.jsonl"
-    with RowFile(path), pytest.raises(StudyError, match="another process writes to this file"):
+    with closing(RowFile(path)), pytest.raises(StudyError, match="another process writes to this file"):
         RowFile(path)
     RowFile(path).close()
 
@@ -167,7 +168,7 @@ def test_a_line_that_does_not_fit_on_the_disk_is_taken_back(
 ) -> None:
     path = tmp_path / "rows.jsonl"
     whole = os.write
-    with RowFile(path) as file:
+    with closing(RowFile(path)) as file:
         file.append("first")
         monkeypatch.setattr(os, "write", lambda handle, data: whole(handle, data[:3]))
         with pytest.raises(OSError, match="No space left"):

@@ -20,6 +20,8 @@ from .worker import ERROR, FAILED, LOST
 
 LEVEL = 0.95
 """Confidence level of the intervals of parameters and of the figures of merit."""
+TAILS = ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0)
+"""Quantiles at the ends of an interval."""
 RESAMPLES = 400
 """Number of bootstrap resamples of the runs for the interval of a figure."""
 NAN = math.nan
@@ -103,7 +105,6 @@ def figures_of(
     seconds : sequence of float
         Times of the runs, where known.
     """
-    failed = [row for row in rows if row["status"] in (FAILED, ERROR, LOST)]
     fits = [row for row in rows if row["status"] not in (FAILED, ERROR, LOST)]
     known = np.array([np.nan if value is None else value for value in truth], dtype=np.float64)
     # A method with its own keys may have other parameters than the scenario; then only its torques are judged.
@@ -121,7 +122,7 @@ def figures_of(
         scenario=scenario,
         method=method,
         runs=len(rows),
-        failed=len(failed),
+        failed=len(rows) - len(fits),
         not_converged=sum(not Status[row["status"]].converged for row in fits),
         bias=_bias(z),
         rms=_rms(z),
@@ -158,7 +159,7 @@ def _bias(z: Array) -> Estimate:
         return Estimate(math.sqrt(max(0.0, value)))
     # A resampled mean scatters around the uncorrected mean of these runs.
     off = _squared_bias(z, _resampled(len(z)))[1] - raw
-    low, high = value + np.quantile(off, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    low, high = value + np.quantile(off, TAILS)
     return Estimate(*(math.sqrt(max(0.0, square)) for square in (value, float(low), float(high))))
 
 
@@ -187,8 +188,7 @@ def _rms(z: Array) -> Estimate:
         return Estimate(value)
     weights = _resampled(len(z))
     root = np.sqrt(weights @ squares / (weights @ counts))
-    low, high = np.quantile(root, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-    return Estimate(value, float(low), float(high))
+    return Estimate(value, *np.quantile(root, TAILS).tolist())
 
 
 def _resampled(runs: int) -> Array:
@@ -212,13 +212,10 @@ def _mean(shares: Array) -> Estimate:
 def _median(values: Array) -> Estimate:
     """Return the median with the interval between order statistics, valid for any distribution."""
     values = np.sort(values[np.isfinite(values)])
-    n = len(values)
-    if not n:
-        return Estimate(NAN)
-    rank = _rank(n)
-    if rank is None:
-        return Estimate(float(np.median(values)))
-    return Estimate(float(np.median(values)), float(values[rank]), float(values[n - 1 - rank]))
+    median, rank = _quantile(values, 0.5), _rank(len(values))
+    return (
+        Estimate(median) if rank is None else Estimate(median, float(values[rank]), float(values[-1 - rank]))
+    )
 
 
 def _rank(n: int) -> int | None:

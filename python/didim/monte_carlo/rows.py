@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from .._tools.inputs import read_file
 from .._tools.words import brief, counted, series
@@ -92,14 +91,11 @@ def read_rows(*paths: Path, appended: bool = False) -> Rows:
     return collected.rows()
 
 
-def rows_of(lines: Iterable[tuple[str, str | None]]) -> Rows:
-    """Return rows from lines, each with the line of its times or None."""
-    pairs = list(lines)
+def rows_of(rows: Iterable[str], times: Iterable[str]) -> Rows:
+    """Return rows from their lines and those of their times."""
     collected = Collected()
-    collected.add(((k, json.loads(row)) for k, (row, _) in enumerate(pairs, 1)), "rows")
-    collected.add_times(
-        ((k, json.loads(times)) for k, (_, times) in enumerate(pairs, 1) if times is not None), "times"
-    )
+    collected.add(enumerate(map(json.loads, rows), 1), "rows")
+    collected.add_times(enumerate(map(json.loads, times), 1), "times")
     return collected.rows()
 
 
@@ -138,18 +134,19 @@ class Collected:
                 self._found[row["id"]] = row
             elif before != row and row["status"] != LOST:
                 different += 1
-        if torn:
-            self._remarks.append(f"{name}: {_places(torn)} no row (unfinished or damaged), dropped")
-        if changed:
-            self._remarks.append(f"{name}: {_places(changed)} not as written (digests differ), dropped")
-        if unsealed:
-            self._remarks.append(
-                f"{name}: {counted(unsealed, 'row')} without a digest, as before version 0.3.0: changes would not be seen"
-            )
-        if different:
-            self._remarks.append(
-                f"{name}: {counted(different, 'row')} differ from earlier ones of the same task, which count"
-            )
+        remarks = (
+            (torn, f"{_places(torn)} no row (unfinished or damaged), dropped"),
+            (changed, f"{_places(changed)} not as written (digests differ), dropped"),
+            (
+                unsealed,
+                f"{counted(unsealed, 'row')} without a digest, as before version 0.3.0: changes would not be seen",
+            ),
+            (
+                different,
+                f"{counted(different, 'row')} differ from earlier ones of the same task, which count",
+            ),
+        )
+        self._remarks += [f"{name}: {remark}" for found, remark in remarks if found]
 
     def add_times(self, lines: Iterable[Line], name: str) -> None:
         """Add the times of a file.
@@ -165,8 +162,16 @@ class Collected:
                 self._times[row["id"]] = row
 
     def rows(self) -> Rows:
-        """Return the collected rows."""
-        return _sorted(self._found, self._times, self._remarks)
+        """Return the collected rows, in the order of their ids: workers finish in any order."""
+        ordered = [self._found[key] for key in sorted(self._found)]
+        scenarios = [row for row in ordered if row["method"] is None]
+        return Rows(
+            fits={row["id"]: row for row in ordered if row["method"] is not None},
+            truths={row["scenario"]: row for row in scenarios if row["status"] == TRUTH},
+            untrue={row["scenario"]: row for row in scenarios if row["status"] != TRUTH},
+            times=self._times,
+            remarks=tuple(self._remarks),
+        )
 
 
 def _is_sound(row: Row) -> bool:
@@ -179,21 +184,7 @@ def _is_sound(row: Row) -> bool:
 
 def _places(lines: list[int]) -> str:
     """Return numbers of lines as the subject of a sentence."""
-    if len(lines) == 1:
-        return f"line {lines[0]} is"
-    return f"lines {series(map(str, lines), 20)} are"
-
-
-def _sorted(rows: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
-    # Workers finish in any order; the order of the ids is reproducible.
-    ordered = [rows[key] for key in sorted(rows)]
-    return Rows(
-        fits={row["id"]: row for row in ordered if row["method"] is not None},
-        truths={row["scenario"]: row for row in ordered if row["status"] == TRUTH},
-        untrue={row["scenario"]: row for row in ordered if row["method"] is None and row["status"] != TRUTH},
-        times=times,
-        remarks=tuple(remarks),
-    )
+    return f"line {lines[0]} is" if len(lines) == 1 else f"lines {series(map(str, lines), 20)} are"
 
 
 def _content(path: Path, appended: bool) -> bytes:
@@ -354,14 +345,6 @@ class RowFile:
     def close(self) -> None:
         """Close the file and release its lock."""
         os.close(self._file)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _lock(file: int, path: Path) -> None:

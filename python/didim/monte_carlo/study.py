@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from .methods import method_of
 from .results import StudyResults
 from .rows import RowFile, Rows, read_rows, rows_of, times_path
 from .spec import StudySpec, load_study, read_study
-from .tasks import Task, count, tasks
+from .tasks import count, tasks
 from .worker import ERROR, FAILED, LOST, lost_row, run_task
 
 
@@ -107,28 +107,24 @@ def study(
         spec = read_study(spec) if isinstance(spec, Mapping) else load_study(spec)
     check_study(spec)
     with ExitStack() as stack:
-        if output is None:
-            path, store, times = None, None, None
-            known = Rows()
-        else:
+        known = Rows()
+        lines: dict[str, list[str]] = {"row": [], "times": []}
+        append: dict[str, Callable[[str], None]] = {key: kept.append for key, kept in lines.items()}
+        if output is not None:
             path = Path(output)
-            store = stack.enter_context(RowFile(path))
-            times = stack.enter_context(RowFile(times_path(path)))
+            files = {"row": path, "times": times_path(path)}
+            append = {key: stack.enter_context(closing(RowFile(file))).append for key, file in files.items()}
             known = read_rows(path, appended=True)
             _require_own(spec, known, path)
-        lines: list[tuple[str, str | None]] = []
         state = Progress(total=count(spec))
         line = ProgressLine() if verbose is not False else None
         if line is not None:
             stack.callback(line.close)
         start = time.perf_counter()
         for result in _run(spec, known, state, executor, workers, address, window):
-            if store is None or times is None:
-                lines.append((result["row"], result["times"]))
-            else:
-                store.append(result["row"])
-                if result["times"] is not None:
-                    times.append(result["times"])
+            append["row"](result["row"])
+            if result["times"] is not None:
+                append["times"](result["times"])
             state.done += 1
             state.failed += result["status"] in (FAILED, ERROR)
             state.lost += result["status"] == LOST
@@ -137,7 +133,7 @@ def study(
                 line.show(f"study: {state}")
             if progress is not None:
                 progress(state)
-        rows = rows_of(lines) if path is None else read_rows(path, appended=True)
+        rows = rows_of(*lines.values()) if output is None else read_rows(path, appended=True)
     return StudyResults.of(spec, rows)
 
 
@@ -152,17 +148,12 @@ def _run(
 ) -> Iterator[dict[str, Any]]:
     """Run the tasks without a row."""
     done = known.done
-
-    def missing() -> Iterator[Task]:
-        for task in tasks(spec):
-            if task["id"] not in done:
-                yield task
-
     state.earlier = state.done = sum(task["id"] in done for task in tasks(spec))
     if state.done == state.total:
         return
+    missing = (task for task in tasks(spec) if task["id"] not in done)
     with pool(executor, workers, address) as some:
-        for task, result, sentence in run_all(run_task, missing(), some, window=window):
+        for task, result, sentence in run_all(run_task, missing, some, window=window):
             yield lost_row(task, sentence or "") if result is None else result
 
 
