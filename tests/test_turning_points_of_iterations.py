@@ -384,7 +384,7 @@ def test_a_ramp_is_drawn_out_by_a_quarter_twenty_times() -> None:
         return np.full((len(q), 1), 2.0 if len(lengths) < 3 else 0.5)
 
     free = stub(empty=True)
-    whole = ramp(np.zeros(1), np.ones(1), cast(Any, limits), cast(Any, free))
+    whole = ramp(np.zeros(1), np.ones(1), cast(Any, limits), cast(Any, free), lambda *_: None)
     found = ramp(np.zeros(1), np.ones(1), cast(Any, limits), cast(Any, free), torques)
     assert whole is not None
     assert found is not None

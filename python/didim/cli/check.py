@@ -36,5 +36,4 @@ def run(options: argparse.Namespace) -> int:
     findings = check(options.experiment, options.parameters, data=options.data)
     saved = Saved()
     saved.save(options.json, findings.save)
-    saved.show(str(findings))
-    return saved.code(NOT_CONVERGED if findings else CONVERGED)
+    return saved.end(str(findings), NOT_CONVERGED if findings else CONVERGED)

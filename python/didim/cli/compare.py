@@ -20,7 +20,6 @@ from .options import (
     add_report,
     check_report,
     exit_code,
-    formatted,
     refuse,
 )
 from .outputs import Saved, check_outputs
@@ -138,10 +137,7 @@ def run(options: argparse.Namespace) -> int:
     saved.save(options.json, comparison.save)
     saved.save_report(options.report, comparison)
     text = text_of(comparison, every=options.all, width=min(WIDEST, columns() or WIDEST))
-    saved.show(
-        text if options.format == "text" else formatted(comparison, options.format),
-        exact=options.format != "text",
-    )
+    saved.show_result(comparison, options.format, text)
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
     if options.method:
@@ -162,5 +158,4 @@ def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
     contrasts = contrasts_of(experiment, verbose=not options.quiet)
     saved = Saved()
     saved.save(options.json, contrasts.save)
-    saved.show(str(contrasts))
-    return saved.code(exit_code(contrasts.fits["didim"]))
+    return saved.end(str(contrasts), exit_code(contrasts.fits["didim"]))

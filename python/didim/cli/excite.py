@@ -100,8 +100,7 @@ def run(options: argparse.Namespace) -> int:
     for path in options.output:
         saved.save(path, lambda target: save(design, target))
     saved.save_report(options.report, design)
-    saved.show(str(design))
-    return saved.code(INTERRUPTED if design.interrupted else CONVERGED)
+    return saved.end(str(design), INTERRUPTED if design.interrupted else CONVERGED)
 
 
 def _positions(options: argparse.Namespace) -> int:
@@ -114,5 +113,4 @@ def _positions(options: argparse.Namespace) -> int:
     saved = Saved()
     for path in options.output:
         saved.save(path, motion.save)
-    saved.show(str(motion))
-    return saved.code(CONVERGED)
+    return saved.end(str(motion))

@@ -101,8 +101,7 @@ def run(options: argparse.Namespace) -> int:
         return refuse(
             "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
         )
-    if refused := refuse_existing(options.output, force=options.force):
-        return refused
+    refuse_existing(options.output, force=options.force)
     check_outputs(options.output)
     if options.latex and options.fit is None and options.parameters is None and options.robot is not None:
         return _written(options.output, to_latex(load_robot(options.robot)).encode())
@@ -181,5 +180,4 @@ def _written(path: Path | None, content: bytes, report: str = "", notes: Sequenc
         sys.stdout.buffer.write(content)
     tell(() if saved.lost else notes)
     parts = [] if saved.failed else [f"{path}: written"]
-    saved.show("\n\n".join([*parts, *([report] if report else [])]))
-    return saved.code(CONVERGED)
+    return saved.end("\n\n".join([*parts, *([report] if report else [])]))

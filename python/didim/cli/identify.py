@@ -15,10 +15,8 @@ from .options import (
     add_option,
     add_regression,
     add_report,
-    add_strict,
     check_report,
     exit_code,
-    formatted,
     refuse,
     tell,
 )
@@ -44,7 +42,7 @@ def add(commands: Commands) -> None:
     add_report(files)
     printed = parser.add_argument_group("printing")
     add_format(printed)
-    add_strict(printed)
+    add_flag(printed, "--strict", "exit code 1 for a doubtful verdict too, not only for a wrong one")
     loudness = printed.add_mutually_exclusive_group()
     add_flag(loudness, "--quiet", "print no table and no progress")
     add_flag(loudness, "--verbose", "print every iteration on stderr")
@@ -152,6 +150,5 @@ def run(options: argparse.Namespace) -> int:
     saved.save(options.save_parameters, fit.save_parameters)
     saved.save_report(options.report, fit, experiment)
     if not options.quiet or saved.failed:
-        verdict = fit.verdict if options.format == "text" else None
-        saved.show(formatted(fit, options.format), verdict, exact=options.format != "text")
+        saved.show_result(fit, options.format, verdict=fit.verdict)
     return saved.code(exit_code(fit, strict=options.strict))

@@ -6,8 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
-from .options import CONVERGED, Commands, add_command, add_flag, add_option, refuse
-from .outputs import Saved, printed
+from .._tools.words import columned
+from .options import Commands, add_command, add_flag, add_option, refuse
+from .outputs import Saved
 from .terminal.width import columns
 
 
@@ -50,17 +51,16 @@ def robots(_: argparse.Namespace) -> int:
         )
         identified += [f"{name}, set {key!r}, {origin}" for key, origin in robot.origins.items()]
     end = "`didim robot NAME` prints the rows of one. A robot file or a URDF can take the place of a name."
-    return printed("\n".join([*lines, *(f"\n{text}" for text in identified), "", end]))
+    return Saved().end("\n".join([*lines, *(f"\n{text}" for text in identified), "", end]))
 
 
 def methods(_: argparse.Namespace) -> int:
     """Run ``didim methods``."""
     from ..methods.table import METHODS
 
-    width = max(len(name) for name in METHODS)
-    lines = [f"{row.name:{width}}  {row.line}" for row in METHODS.values()]
+    lines = columned([(row.name, row.line) for row in METHODS.values()], left=2)
     end = "`didim identify EXPERIMENT.toml --method NAME` runs one; NAME may be module:Class, a method of your own."
-    return printed("\n".join([*lines, "", end]))
+    return Saved().end("\n".join([*lines, "", end]))
 
 
 def schema(options: argparse.Namespace) -> int:
@@ -69,13 +69,13 @@ def schema(options: argparse.Namespace) -> int:
 
     files = [file for file in FILES if options.file in (None, file)]
     if options.json:
-        return printed(
+        return Saved().end(
             json.dumps(json_schema(options.file or "any"), indent=2, ensure_ascii=False), exact=True
         )
     if columns() is None:
         pages = "\n".join(f"## The {file} file\n\n{page(file)}" for file in files)
-        return printed(pages.rstrip("\n"), exact=True)
-    return printed("\n\n".join(listed(file) for file in files))
+        return Saved().end(pages.rstrip("\n"), exact=True)
+    return Saved().end("\n\n".join(listed(file) for file in files))
 
 
 def example(options: argparse.Namespace) -> int:
@@ -85,16 +85,12 @@ def example(options: argparse.Namespace) -> int:
     if options.name is None:
         if options.output is not None:
             return refuse("-o needs the name of an example: didim example tx40 -o FOLDER")
-        titles = packaged_examples()
-        width = max(len(name) for name in titles)
-        lines = [f"{name:{width}}  {title}" for name, title in titles.items()]
-        return printed(
-            "\n".join([*lines, "", "didim example NAME copies the files of one into a folder NAME."])
-        )
+        lines = columned(list(packaged_examples().items()), left=2)
+        end = "didim example NAME copies the files of one into a folder NAME."
+        return Saved().end("\n".join([*lines, "", end]))
     folder = options.output or Path(options.name)
     written = copy_example(options.name, folder, force=options.force)
     saved = Saved()
     saved.show(f"{folder}: {', '.join(path.name for path in written)}\n\nNow run:\n")
     # Commands are not wrapped, because they are copied.
-    saved.show("\n".join([f"cd {folder}", *example_commands(options.name)]), exact=True)
-    return saved.code(CONVERGED)
+    return saved.end("\n".join([f"cd {folder}", *example_commands(options.name)]), exact=True)

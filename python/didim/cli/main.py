@@ -11,32 +11,17 @@ import argparse
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
 
 from .._tools.inputs import Run, one_run
 from .._tools.threads import core_threads
 from .._tools.version import __version__
 from ..errors import DidimError, RobotWarning
-from .check import add as add_check
-from .compare import add as add_compare
-from .excite import add as add_excite
-from .export import add as add_export
-from .identify import add as add_identify
-from .init import add as add_init
-from .lists import add as add_lists
-from .loads.payload import add as add_payload
-from .loads.residual import add as add_residual
-from .options import CONVERGED, INTERRUPTED, Commands, refuse
-from .robots.base import add as add_base
-from .robots.robot import add as add_robot
-from .robots.view import add as add_view
-from .simulate import add as add_simulate
-from .studies.study import add as add_study
-from .terminal.completion import add as add_completion
+from .options import CONVERGED, INTERRUPTED, refuse
 from .terminal.guide import MainParser, Parser, examples
 from .terminal.messages import message as tell_user
-from .validate import add as add_validate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -128,29 +113,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"didim {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for add in COMMANDS:
-        add(commands)
+    for name in COMMANDS:
+        import_module(f".{name}", __package__).add(commands)
     return parser
 
 
-COMMANDS: tuple[Callable[[Commands], None], ...] = (
-    add_robot,
-    add_excite,
-    add_init,
-    add_check,
-    add_compare,
-    add_identify,
-    add_validate,
-    add_payload,
-    add_residual,
-    add_simulate,
-    add_study,
-    add_export,
-    add_base,
-    add_view,
-    add_lists,
-    add_completion,
-)
+COMMANDS = (
+    "robots.robot", "excite", "init", "check", "compare", "identify", "validate", "loads.payload", "loads.residual", "simulate",
+    "studies.study", "export", "robots.base", "robots.view", "lists", "terminal.completion",
+)  # fmt: skip
+"""Modules of the commands, in the order in which they are added."""
 
 EXAMPLES = (
     "didim compare                             the paper's experiment, simulated",

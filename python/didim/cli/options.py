@@ -16,7 +16,6 @@ from .terminal.messages import message
 from .terminal.width import fitted
 
 if TYPE_CHECKING:
-    from ..formats import Result
     from ..result.identification import Identification
     from ..result.verdict import Verdict
     from .terminal.guide import Parser
@@ -185,20 +184,6 @@ def add_format(parser: Options) -> None:
         default="text",
         help="format of the printed table (default: %(default)s)",
     )
-
-
-def formatted(result: Result, form: str) -> str:
-    """Return the text of a result in one of the formats."""
-    if form == "text":
-        return str(result)
-    from ..formats import render
-
-    return render(result, form)
-
-
-def add_strict(parser: Options) -> None:
-    """Add ``--strict``."""
-    add_flag(parser, "--strict", "exit code 1 for a doubtful verdict too, not only for a wrong one")
 
 
 def exit_code(fit: Identification, *, strict: bool = False) -> int:

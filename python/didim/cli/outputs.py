@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 from .._tools.files import check_output, write_atomically, write_elsewhere
 from .._tools.inputs import same_file
 from .._tools.words import printable
-from .options import CONVERGED, INTERRUPTED, NOT_CONVERGED, refuse, shown
+from ..errors import OutputError
+from .options import CONVERGED, INTERRUPTED, NOT_CONVERGED, shown
 from .terminal.messages import message
 
 if TYPE_CHECKING:
     from ..experiment.experiment import Experiment
+    from ..formats import Result
     from ..result.verdict import Verdict
 
 RESULT = Path("didim-result.txt")
@@ -38,18 +40,16 @@ def check_outputs(*paths: Path | None) -> None:
             raise FileExistsError(f"two outputs have the same path '{path}'")
 
 
-def refuse_existing(path: Path | None, *, force: bool) -> int | None:
-    """Return None where an output may be written, or else the exit code of wrong input; only `force` overwrites."""
+def refuse_existing(path: Path | None, *, force: bool) -> None:
+    """Refuse to overwrite an output without `force`.
+
+    Raises
+    ------
+    OutputError
+        When the file exists.
+    """
     if path is not None and path.exists() and not force:
-        return refuse(f"{path}: the file is there already; --force overwrites it")
-    return None
-
-
-def printed(text: str, *, exact: bool = False) -> int:
-    """Print a text as `Saved.show` does, and return the exit code of a command that does nothing else."""
-    saved = Saved()
-    saved.show(text, exact=exact)
-    return saved.code(CONVERGED)
+        raise OutputError(f"{path}: the file is there already; --force overwrites it")
 
 
 class Saved:
@@ -80,6 +80,12 @@ class Saved:
         except Exception as error:
             self._elsewhere(path, write, error)
 
+    def write(self, path: Path, content: str | bytes) -> None:
+        """Write the file that a command makes, and say so."""
+        self.save(path, lambda target: write_atomically(target, content))
+        if not self.failed:
+            self.show(f"{path}: written", exact=True)
+
     def save_json(self, path: Path | None, content: object) -> None:
         """Write an output as JSON, if requested."""
         from .._tools.saved import save_json
@@ -103,6 +109,22 @@ class Saved:
             # The content of the buffer would fail again when the process ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             self._elsewhere(RESULT, lambda path: write_atomically(path, text + "\n"), error, "the output")
+
+    def show_result(
+        self, result: Result, form: str, text: str | None = None, verdict: Verdict | None = None
+    ) -> None:
+        """Print a result in one of the formats; `text` takes the place of its own."""
+        if form == "text":
+            self.show(str(result) if text is None else text, verdict)
+        else:
+            from ..formats import render
+
+            self.show(render(result, form), exact=True)
+
+    def end(self, text: str, code: int = CONVERGED, *, exact: bool = False) -> int:
+        """Print the last text of a command as `show` does, and return its exit code."""
+        self.show(text, exact=exact)
+        return self.code(code)
 
     def code(self, code: int) -> int:
         """Return the exit code: 1 instead of 0 if an output is not at the requested path, 130 after Ctrl-C."""

@@ -46,5 +46,4 @@ def run(options: argparse.Namespace) -> int:
         message(sentence, "warning")
     saved = Saved()
     saved.save(options.output, report.write)
-    saved.show(str(report))
-    return saved.code(CONVERGED if report.outcome.completed else NOT_CONVERGED)
+    return saved.end(str(report), CONVERGED if report.outcome.completed else NOT_CONVERGED)

@@ -66,8 +66,7 @@ def run(options: argparse.Namespace) -> int:
 
         replay = validate_in_mujoco(fit, experiment, options.mujoco, step_s=options.step)
         saved.save_json(options.json, replay.to_dict())
-        saved.show(str(replay))
-        return saved.code(CONVERGED if replay.completed else NOT_CONVERGED)
+        return saved.end(str(replay), CONVERGED if replay.completed else NOT_CONVERGED)
     if PositionRecord.of(fit.settings) is not None:
         # The closed loop of other results has neither held references nor delays.
         if options.report is not None:
@@ -76,10 +75,8 @@ def run(options: argparse.Namespace) -> int:
             )
         errors = position_errors(replayed(fit, experiment))
         saved.save_json(options.json, {"position_errors": errors})
-        saved.show("\n".join(error_lines(errors)))
-        return saved.code(CONVERGED)
+        return saved.end("\n".join(error_lines(errors)))
     validation = validate(fit, experiment)
     saved.save_json(options.json, validation.to_dict())
     saved.save_report(options.report, validation, experiment)
-    saved.show(str(validation))
-    return saved.code(CONVERGED if validation.completed else NOT_CONVERGED)
+    return saved.end(str(validation), CONVERGED if validation.completed else NOT_CONVERGED)

@@ -155,8 +155,9 @@ class PointDesign:
             if not points:
                 rest = np.zeros((1, len(candidate)))
                 return self.keeps(candidate[None], rest, rest)
-            closes = first is not None and len(points) == self.count - 2
-            return passable(points[-1], candidate) and (not closes or passable(candidate, first))
+            return passable(points[-1], candidate) and (
+                first is None or len(points) < self.count - 2 or passable(candidate, first)
+            )
 
         while len(points) < self.count - (first is not None):
             for shrink in np.linspace(1.0, 0.2, TRIES):

@@ -97,10 +97,13 @@ def ramp(
             )
     for _ in range(MOST_LONGER):
         needed = torques(*shortest.at(np.linspace(0.0, shortest.duration, LOOKS)))
-        if needed is None or (np.abs(needed) <= limits.torque).all():
+        if needed is None:
+            return shortest
+        relative = np.abs(needed) / limits.torque
+        if (relative <= 1.0).all():
             return shortest
         shortest = Ramp(start=start, end=end, duration=LONGER * shortest.duration)
-    joint = int((np.abs(needed) / limits.torque).max(axis=0).argmax()) + 1
+    joint = int(relative.max(axis=0).argmax()) + 1
     raise ExcitationError(
         f"the ramp between home and the start of the motion needs more torque of joint {joint} than its limit, at any speed; "
         "give another home or another start"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..options import CONVERGED, Commands, add_command, add_data, add_option
+from ..options import Commands, add_command, add_data, add_option
 from ..outputs import Saved, check_outputs
 
 
@@ -36,5 +36,4 @@ def run(options: argparse.Namespace) -> int:
     payload = identify_payload(fit, load_experiment(options.log, data=options.data), link=options.link)
     saved = Saved()
     saved.save_json(options.json, payload.to_dict())
-    saved.show(str(payload))
-    return saved.code(CONVERGED)
+    return saved.end(str(payload))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..options import CONVERGED, Commands, add_command, add_data, add_option
+from ..options import Commands, add_command, add_data, add_option
 from ..outputs import Saved, check_outputs
 
 
@@ -64,5 +64,4 @@ def run(options: argparse.Namespace) -> int:
         from ...plot.style import svg
 
         saved.save(options.plot, lambda path: write_atomically(path, svg(external(residual))))
-    saved.show(str(residual))
-    return saved.code(CONVERGED)
+    return saved.end(str(residual))

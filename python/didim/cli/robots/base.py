@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..options import Commands, add_command, add_format, add_robot, formatted, tell
-from ..outputs import printed
+from ..options import CONVERGED, Commands, add_command, add_format, add_robot, tell
+from ..outputs import Saved
 
 
 def add(commands: Commands) -> None:
@@ -23,13 +23,13 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
+    from ...model.reach import pose_lines
     from ...robot.robot_file import load_robot
 
     robot = load_robot(options.robot)
     tell(robot.notes)
     base = robot.base_parameters
-    if options.format != "text":
-        return printed(formatted(base, options.format), exact=True)
-    from ...model.reach import pose_lines
-
-    return printed("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
+    text = "\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)])
+    saved = Saved()
+    saved.show_result(base, options.format, text)
+    return saved.code(CONVERGED)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..._tools.files import write_atomically
-from ..options import CONVERGED, Commands, add_chain, add_command, add_flag, add_option, locked, refuse, tell
+from ...errors import OutputError
+from ..options import Commands, add_chain, add_command, add_flag, add_option, locked, refuse, tell
 from ..outputs import Saved, check_outputs, refuse_existing
 from ..terminal.messages import message
 
@@ -64,8 +64,7 @@ def run(options: argparse.Namespace) -> int:
     if Path(options.robot).suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         return _described(options, rows_and_frames)
     still = locked(options)
-    if refused := _refused_output(options):
-        return refused
+    _check_output(options)
     reading = read_urdf(
         Path(options.robot),
         tip=options.tip,
@@ -79,22 +78,17 @@ def run(options: argparse.Namespace) -> int:
     tell(reading.robot.notes)
     saved = Saved()
     if options.output is not None:
-        saved.save(options.output, lambda path: write_atomically(path, robot_text(reading.robot)))
-        if not saved.failed:
-            saved.show(f"{options.output}: written", exact=True)
-    saved.show(summary(reading))
-    return saved.code(CONVERGED)
+        saved.write(options.output, robot_text(reading.robot))
+    return saved.end(summary(reading))
 
 
 def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
     """Print rows and frames of a robot that is not a URDF."""
     from ...robot.robot_file import PACKAGED, load_robot
 
-    for name in ("tip", "base", "gravity"):
-        if getattr(options, name) is not None:
+    for name in ("tip", "base", "gravity", "lock"):
+        if getattr(options, name) not in (None, []):
             return refuse(f"--{name} is for a URDF, and {options.robot} is not one")
-    if options.lock:
-        return refuse(f"--lock is for a URDF, and {options.robot} is not one")
     robot = load_robot(options.robot, snap=options.snap)
     saved = Saved()
     if options.output is not None:
@@ -103,19 +97,15 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
             return refuse(
                 f"-o is for a URDF or the name of a packaged robot, and {options.robot} is a file already"
             )
-        if refused := _refused_output(options):
-            return refused
-        saved.save(options.output, lambda path: write_atomically(path, file.read_bytes()))
-        if not saved.failed:
-            saved.show(f"{options.output}: written", exact=True)
+        _check_output(options)
+        saved.write(options.output, file.read_bytes())
     tell(robot.notes)
-    saved.show(rows_and_frames(robot))
-    return saved.code(CONVERGED)
+    return saved.end(rows_and_frames(robot))
 
 
-def _refused_output(options: argparse.Namespace) -> int | None:
-    """Check before the work whether the robot file can be written; return None, or the exit code of wrong input."""
+def _check_output(options: argparse.Namespace) -> None:
+    """Refuse, before the work, a robot file that cannot be written."""
     if options.output is not None and options.output.suffix != ".toml":
-        return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
+        raise OutputError(f"-o {options.output}: the name of a robot file ends in .toml")
     check_outputs(options.output)
-    return refuse_existing(options.output, force=options.force)
+    refuse_existing(options.output, force=options.force)

@@ -20,7 +20,6 @@ from ..options import (
     add_option,
     add_report,
     check_report,
-    formatted,
 )
 from ..outputs import Saved, check_outputs
 from ..terminal.messages import message, progress_lines
@@ -106,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
     saved = Saved()
     saved.save(options.parquet, results.write_parquet)
     saved.save_report(options.report, results)
-    saved.show(formatted(results, options.format), exact=options.format != "text")
+    saved.show_result(results, options.format)
     return saved.code(code)
 
 

@@ -27,11 +27,16 @@ COMMANDS = {
 """Commands by purpose, in the order in which they are needed. Commands that are not listed here follow at the end."""
 
 
+def help_width() -> int:
+    """Return the width of the help (columns)."""
+    return min(columns() or 80, WIDEST_HELP)
+
+
 class Formatter(argparse.HelpFormatter):
     """Formatter of help whose usage only names mandatory arguments."""
 
     def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=26, width=min(columns() or 80, WIDEST_HELP))
+        super().__init__(prog, max_help_position=26, width=help_width())
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if text.startswith(EXAMPLES):
@@ -111,7 +116,7 @@ class Parser(argparse.ArgumentParser):
                 words.append("COMMAND ...")
             else:
                 words.append(formatter._format_args(action, action.dest))
-        lines = wrapped(" ".join(words), min(columns() or 80, WIDEST_HELP) - len("usage: "))
+        lines = wrapped(" ".join(words), help_width() - len("usage: "))
         return f"\n{' ' * len('usage: ')}".join(lines).replace("%", "%%")
 
 
@@ -120,7 +125,7 @@ class MainParser(Parser):
 
     def format_help(self) -> str:
         """Return the help."""
-        width = min(columns() or 80, WIDEST_HELP)
+        width = help_width()
         lines = [f"usage: {self._usage()}", "", *wrapped(str(self.description), width)]
         (commands,) = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
         sentences = command_sentences(commands)
