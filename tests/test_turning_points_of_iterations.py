@@ -314,7 +314,7 @@ def test_a_start_is_a_chain_of_descents_of_given_lengths(monkeypatch: pytest.Mon
 
     series = stub(power=0, perturbed=perturbed, build=lambda v: (None, None))
     problem = stub(
-        series=series, thinning=1, limited=True, clearance=stub(empty=True), tighten=lambda motion: True
+        series=series, thinning=1, x=np.ones(1), clearance=stub(empty=True), tighten=lambda motion: True
     )
     search = starts._Search(cast(Any, problem), 1000, 0, cast(Any, None), None)
     search.run([np.zeros(1)])

@@ -140,7 +140,7 @@ def test_a_millimetre_of_clearance_weighs_a_hundredth_of_a_limit(monkeypatch: py
     clearance = stub(empty=False, penalty=lambda q, scale, extra: ((1e-3 / scale) ** 2, zero))
     motion = stub(motion=lambda: (zero, zero, zero))
     problem = stub(
-        series=stub(build=lambda v: (motion, None), back=lambda *given: zero), thinning=1, limited=False,
+        series=stub(build=lambda v: (motion, None), back=lambda *given: zero), thinning=1, torques=lambda *given: None,
         information=stub(matrix=lambda *given: None, robot=stub(core=None), columns=[], samples=1.0, sigma=np.ones(1)),
         criterion=lambda matrix: (0.0, zero), clearance=clearance, extra_clearance=0.0, x=None, _whole=lambda values: values,
     )  # fmt: skip
