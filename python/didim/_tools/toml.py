@@ -252,15 +252,15 @@ class Table:
         return list(value)
 
     def matrix(
-        self, key: str, rows: int, columns: int, default: _Default = MISSING
+        self, key: str, rows: int | None, columns: int, default: _Default = MISSING
     ) -> list[list[float]] | _Default:
-        """Matrix as a list of rows."""
+        """Matrix as a list of rows, of any number of them for None."""
         if (value := self._read(key, default)) is MISSING:
             return default
-        if not isinstance(value, list) or len(value) != rows:
+        if not isinstance(value, list) or rows not in (None, len(value)):
             got = counted(len(value), "row") if isinstance(value, list) else repr(value)
-            shape = f"{counted(rows, 'row')} and {counted(columns, 'column')}"
-            self.fail(f"{key} must be a matrix of {shape}, got {got}")
+            shape = "" if rows is None else f"{counted(rows, 'row')} and "
+            self.fail(f"{key} must be a matrix of {shape}{counted(columns, 'column')}, got {got}")
         return [self._number_list(key, row, columns, f", row {i + 1},") for i, row in enumerate(value)]
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:

@@ -144,7 +144,7 @@ def initialise(  # many parameters: one per option of `didim init`
     tables = _tables(model, sources, options, path, draft)
     name = (paths[0] if alone else path).stem
     head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name)
-    draft.text = _finished("\n".join([*_open(draft.questions), *head, *tables]) + "\n", draft)
+    draft.text = _text([*head, *tables], draft.questions)
     if own_file:
         draft.read.insert(
             0, f"{robot_path}: written, the robot with {counted(model.n_dof, 'joint')} whose chain was chosen"
@@ -217,22 +217,16 @@ def _check_free(path: Path) -> None:
     )
 
 
-def _open(questions: Sequence[str]) -> list[str]:
-    """Return the key that prevents the use of a file with open questions."""
+def _text(lines: Sequence[str], questions: Sequence[str]) -> str:
+    """Return the text of the file; with open questions it cannot be used, and is marked as a draft."""
     if not questions:
-        return []
-    return [
+        return "\n".join(lines) + "\n"
+    opening = (
         "# Not finished: answer these questions by options of `didim init`, or fill in the lines below and delete `open`.",
         f"open = {quoted(list(questions))}",
         "",
-    ]
-
-
-def _finished(text: str, draft: Draft) -> str:
-    """Return the text, marked as a draft if questions are open."""
-    if not draft.questions:
-        return text
-    text = text.rstrip("\n")
+    )
+    text = "\n".join([*opening, *lines])
     return f"{text}\n{UNFINISHED}{hashlib.sha256(text.encode()).hexdigest()}\n"
 
 
@@ -267,7 +261,7 @@ def _is_robot(path: Path) -> bool:
 
 def _named(robot: str, path: Path) -> str:
     """Return the robot's name for the experiment: a path is relative to the experiment file."""
-    if (PACKAGED / f"{robot}.toml").is_file() and not robot.endswith(".toml"):
+    if (PACKAGED / f"{robot}.toml").is_file():
         return robot
     return Path(os.path.relpath(robot, path.parent)).as_posix()
 
@@ -388,8 +382,8 @@ def _signal(robot: Robot, recordings: Sequence[Recording], in_torque: bool, draf
         *head,
         f"# {filters.reason[0].upper()}{filters.reason[1:]}.",
         "[signal]",
-        f"cutoff_hz = {filters.cutoff_hz:g}",
-        f"trim_start = {filters.trim}",
-        f"trim_end = {filters.trim}",
-        f"decimation = {list(filters.decimation)}",
+        f"cutoff_hz = {filters.signal.cutoff_hz:g}",
+        f"trim_start = {filters.signal.trim_start}",
+        f"trim_end = {filters.signal.trim_end}",
+        f"decimation = {list(filters.signal.decimation)}",
     ]

@@ -175,12 +175,8 @@ def _column(name: str, text: str) -> Column:
     # A single word is a name, not a unit.
     if unit is None and len(words) > 1:
         unit = UNITS.get(words[-1])
-    kind = "other"
     signal = words if unit is None else words[:-1] or words
-    for what, known in WORDS.items():
-        if any(word in known for word in signal):
-            kind = what
-            break
+    kind = next((what for what, known in WORDS.items() if any(word in known for word in signal)), "other")
     motor = any(word in ("motor", "mot", "motors") for word in words)
     placed = False
     if kind == "reference" and any(

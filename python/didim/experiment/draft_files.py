@@ -186,7 +186,7 @@ def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
 def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
     """Merge several files with equal rows into one log."""
     columns = [replace(column, file=k) for k, source in enumerate(group) for column in source.columns]
-    rows = [_rows(source) for source in group]
+    rows = [len(source.values(source.columns[:1])) for source in group]
     for source, count in zip(group, rows, strict=True):
         if count != rows[0]:
             raise ExperimentError(
@@ -198,10 +198,6 @@ def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
         _by_values(log)
     _one_time(log)
     return log
-
-
-def _rows(source: LogSource) -> int:
-    return len(source.values(source.columns[:1]))
 
 
 def _by_values(log: LogFiles) -> None:

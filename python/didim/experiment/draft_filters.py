@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from .._tools.words import counted, series
 from ..errors import DidimError
 from ..log.recording import Recording
 from ..regression.linear_system import LinearSystem, linear_system
-from ..regression.selection import Selection
+from ..regression.selection import select
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.segments import segments
@@ -57,28 +57,17 @@ class Filters:
 
     Attributes
     ----------
-    cutoff_hz : float
-        Cut-off of the positions.
-    trim : int
-        Samples to be trimmed at both ends.
-    decimation : tuple of int
-        Stages of the parallel filter.
+    signal : SignalProcessing
+        Cut-off of the positions, equal trimming at both ends, and stages of the parallel filter.
     reason : str
         One sentence.
+    errors : tuple of (float, float)
+        Cut-offs (Hz) that were compared, with their held-out errors.
     """
 
-    cutoff_hz: float
-    trim: int
-    decimation: tuple[int, ...]
+    signal: SignalProcessing
     reason: str
-    errors: tuple[tuple[float, float], ...] = field(default=())
-
-    @property
-    def signal(self) -> SignalProcessing:
-        """Settings of the positions' filter, the trimming and the decimation."""
-        return SignalProcessing(
-            cutoff_hz=self.cutoff_hz, trim_start=self.trim, trim_end=self.trim, decimation=self.decimation
-        )
+    errors: tuple[tuple[float, float], ...] = ()
 
 
 def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable: bool) -> Filters:
@@ -104,22 +93,26 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     )
     stages = _stages(band, cutoffs[1], rate, samples)
 
-    def filters(cutoff: float, reason: str, errors: Sequence[tuple[float, float]] = ()) -> Filters:
-        return Filters(cutoff, _trim(cutoff, rate, samples), stages, f"{moves}; {reason}", tuple(errors))
+    def signal(cutoff: float, slowest: float) -> SignalProcessing:
+        trim = int(min(round(2.0 * rate / slowest), samples // 20))
+        return SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
 
+    plain = signal(cutoffs[1], cutoffs[1])
     if not comparable or samples < LEAST_COMPARED_SAMPLES:
-        return filters(cutoffs[1], "cut-offs were not compared")
-    trim = _trim(min(cutoffs), rate, samples)
-    compared = [(cutoff, _held_out_error(robot, recordings, cutoff, trim, stages)) for cutoff in cutoffs]
-    errors = [(cutoff, error) for cutoff, error in compared if error is not None]
+        return Filters(plain, f"{moves}; cut-offs were not compared")
+    # All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
+    compared = [
+        (cutoff, _held_out_error(robot, recordings, signal(cutoff, min(cutoffs)))) for cutoff in cutoffs
+    ]
+    errors = tuple((cutoff, error) for cutoff, error in compared if error is not None)
     if not errors:
-        return filters(cutoffs[1], "cut-offs could not be compared")
+        return Filters(plain, f"{moves}; cut-offs could not be compared")
     best = min(error for _, error in errors)
     good = [cutoff for cutoff, error in errors if error <= AS_GOOD * best]
     cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
-    return filters(cutoff, f"held-out torque error {left} % at {tried} Hz", errors)
+    return Filters(signal(cutoff, cutoff), f"{moves}; held-out torque error {left} % at {tried} Hz", errors)
 
 
 def _row(numbers: Sequence[str]) -> str:
@@ -139,10 +132,6 @@ def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int,
     return tuple(stages)
 
 
-def _trim(cutoff: float, rate: float, samples: int) -> int:
-    return int(min(round(2.0 * rate / cutoff), samples // 20))
-
-
 def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
     """Return the bandwidth of the motion (Hz) and its source, as the beginning of a sentence."""
     if all(recording.q_ref is not None for recording in recordings):
@@ -157,19 +146,11 @@ def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
     return max(motion_band(recording) for recording in recordings), "the motion ends near"
 
 
-def _held_out_error(
-    robot: Robot, recordings: Sequence[Recording], cutoff: float, trim: int, stages: tuple[int, ...]
-) -> float | None:
-    """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None.
-
-    All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
-    """
-    signal = Filters(cutoff, trim, stages, "").signal
-    count = len(robot.base_parameters.names)
-    every = Selection(roles=tuple("estimated" for _ in range(count)), values=np.zeros(count))
+def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
+    """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None."""
     try:
         parts = [part for recording in recordings for part in segments(recording, signal)]
-        system = linear_system(robot, parts, signal, every)
+        system = linear_system(robot, parts, signal, select(robot, {}, ()))
     except DidimError:
         return None
     held = np.zeros(len(system.y), dtype=bool)
@@ -195,8 +176,9 @@ def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
 
 def sentence_of(filters: Filters) -> str:
     """Return the sentence of ``didim init`` on the choice and its reason."""
-    stages = f", decimation by {math.prod(filters.decimation)}" if filters.decimation else ""
-    return f"cut-off {filters.cutoff_hz:g} Hz{stages}, {counted(filters.trim, 'sample')} trimmed: {filters.reason}"
+    signal = filters.signal
+    stages = f", decimation by {math.prod(signal.decimation)}" if signal.decimation else ""
+    return f"cut-off {signal.cutoff_hz:g} Hz{stages}, {counted(signal.trim_start, 'sample')} trimmed: {filters.reason}"
 
 
 def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:

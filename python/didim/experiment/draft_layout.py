@@ -37,19 +37,13 @@ def layout(values: Array, n_dof: int) -> list[Column]:
     first = int(timed)
     t = values[:, 0] if timed else np.arange(len(values), dtype=np.float64)
     count, rest = divmod(width - first, n_dof)
-    if rest or not 2 <= count <= MOST_BLOCKS or len(values) < 8:
-        return _columns(["time"] * first + ["other"] * (width - first), n_dof, first)
-    blocks = [values[:, first + k * n_dof : first + (k + 1) * n_dof] for k in range(count)]
-    kinds = kinds_of_blocks(blocks, t)
-    return _columns(["time"] * first + [kind for kind in kinds for _ in range(n_dof)], n_dof, first)
-
-
-def _columns(kinds: list[str], n_dof: int, first: int) -> list[Column]:
-    return [
-        Column(
-            k + 1, kind, (k - first) % n_dof + 1 if k >= first else None, stem=f"{kind}{(k - first) // n_dof}"
-        )
-        for k, kind in enumerate(kinds)
+    kinds = ["other"] * (width - first)
+    if not rest and 2 <= count <= MOST_BLOCKS and len(values) >= 8:
+        blocks = np.split(values[:, first:], count, axis=1)
+        kinds = [kind for kind in kinds_of_blocks(blocks, t) for _ in range(n_dof)]
+    time = [Column(1, "time", stem="time")] * first
+    return time + [
+        Column(first + k + 1, kind, k % n_dof + 1, stem=f"{kind}{k // n_dof}") for k, kind in enumerate(kinds)
     ]
 
 

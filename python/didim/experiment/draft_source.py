@@ -76,20 +76,14 @@ class LogSource:
 
     def want(self, columns: Sequence[Column]) -> None:
         """Request columns: a text is then parsed once, and a bag's messages of other joints are skipped."""
-        if isinstance(self.data, RosBag):
-            if columns:
-                self.data.want([column.name for column in columns], columns[0].variable, len(columns))
-        elif columns and all(column.variable is None for column in columns):
-            self.data.want([column.name for column in columns], None, len(columns))
+        if columns and not isinstance(self.data, ArrayFile):
+            self.data.want([column.name for column in columns], columns[0].variable, len(columns))
 
     def values(self, columns: Sequence[Column]) -> Array:
         """Return the values of some columns, (n_samples, n)."""
-        if isinstance(self.data, RosBag):
-            names = [column.name for column in columns]
-            self.data.want(names, columns[0].variable, len(names))
-            return self.data.get(names, columns[0].variable, len(names))
-        if all(column.variable is None for column in columns):
-            return self.data.get([column.name for column in columns], None, len(columns))
+        if not isinstance(self.data, ArrayFile):
+            self.want(columns)
+            return self.data.get([column.name for column in columns], columns[0].variable, len(columns))
         variables = [None if isinstance(column.name, str) else column.variable for column in columns]
         each = zip(columns, variables, strict=True)
         return np.hstack([self.data.get([column.name], variable, 1) for column, variable in each])
@@ -151,14 +145,13 @@ def open_log(
     ExperimentError
         When an option does not apply to this container.
     """
-    file = Path(os.path.relpath(log, beside)).as_posix()
-    keys = [f"file = {quoted(file)}"]
-    if log.suffix.lower() in TEXT:
-        source = _text(log, keys, robot, values_per_sample, alone=alone)
+    data, form = _opened(log, topic)
+    keys = [f"file = {quoted(Path(os.path.relpath(log, beside)).as_posix())}", *form]
+    if isinstance(data, CsvFile):
+        source = _text(data, keys, robot, log, values_per_sample, alone=alone)
+    elif values_per_sample is not None:
+        raise ExperimentError(f"{log.name}: --values-per-sample is for text files")
     else:
-        if values_per_sample is not None:
-            raise ExperimentError(f"{log.name}: --values-per-sample is for text files")
-        data = open_data_file(log, log.name, delimiter=None, header=None, topic=topic)
         source = _bag(data, keys, robot, log) if isinstance(data, RosBag) else _arrays(data, keys, robot, log)
     _by_file_name(source)
     return source
@@ -172,12 +165,18 @@ def log_names(log: Path, topic: str | None) -> list[str]:
     RecordingError
         When the log cannot be read.
     """
-    if log.suffix.lower() in TEXT:
-        delimiter, decimal = _signs(_first_lines(log))
-        data = open_data_file(log, log.name, delimiter=delimiter, header=None, decimal=decimal)
-        return list(getattr(data, "names", None) or [])
-    data = open_data_file(log, log.name, delimiter=None, header=None, topic=topic)
-    return list(data.joints if isinstance(data, RosBag) else getattr(data, "names", ()))
+    data, _ = _opened(log, topic)
+    return list(data.joints if isinstance(data, RosBag) else getattr(data, "names", None) or ())
+
+
+def _opened(log: Path, topic: str | None) -> tuple[DataFile, list[str]]:
+    """Open a file of a log, and return the TOML lines on its form too."""
+    if log.suffix.lower() not in TEXT:
+        return open_data_file(log, log.name, delimiter=None, header=None, topic=topic), []
+    delimiter, decimal = _signs(log)
+    form = [] if delimiter == "," else [f"delimiter = {quoted(delimiter)}"]
+    form += [] if decimal is None else [f"decimal = {quoted(decimal)}"]
+    return open_data_file(log, log.name, delimiter=delimiter, header=None, decimal=decimal), form
 
 
 def _by_file_name(source: LogSource) -> None:
@@ -197,25 +196,18 @@ def _by_file_name(source: LogSource) -> None:
 
 
 def _text(
-    log: Path, keys: list[str], robot: Robot, values_per_sample: int | None, *, alone: bool
+    text: CsvFile, keys: list[str], robot: Robot, log: Path, values_per_sample: int | None, *, alone: bool
 ) -> LogSource:
-    lines = _first_lines(log)
-    delimiter, decimal = _signs(lines)
-    data: DataFile = open_data_file(log, log.name, delimiter=delimiter, header=None, decimal=decimal)
-    assert isinstance(data, CsvFile)
-    if delimiter != ",":
-        keys.append(f"delimiter = {quoted(delimiter)}")
-    if decimal is not None:
-        keys.append(f"decimal = {quoted(decimal)}")
-    if data.names is not None:
-        return LogSource(data, [read_column(name, robot.joint_names) for name in data.names], keys, log)
-    width = len(_cells(lines[0], delimiter))
+    if text.names is not None:
+        return LogSource(text, [read_column(name, robot.joint_names) for name in text.names], keys, log)
+    data: DataFile = text
+    width = text.n_columns
     if values_per_sample is not None:
         if not 1 <= values_per_sample <= MOST_COLUMNS:
             raise ExperimentError(
                 f"--values-per-sample must be a whole number from 1 to {MOST_COLUMNS}, got {values_per_sample}"
             )
-        data, width = OneValueALine(data, values_per_sample), values_per_sample
+        data, width = OneValueALine(text, values_per_sample), values_per_sample
         keys.append(f"values_per_sample = {values_per_sample}")
     elif width == 1 and alone:
         raise ExperimentError(
@@ -225,27 +217,20 @@ def _text(
     return LogSource(data, layout(values, robot.n_dof), keys, log, named=False)
 
 
-def _first_lines(log: Path) -> list[str]:
-    """Return the first lines of a text, at least one."""
-    lines = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
-    return [line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in lines]
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    return line.split() if delimiter == " " else line.split(delimiter)
-
-
-def _signs(lines: list[str]) -> tuple[str, str | None]:
+def _signs(log: Path) -> tuple[str, str | None]:
     """Return delimiter and decimal sign of a text, with which the lines after the first are numbers."""
-    rows = [line for line in lines[1:] if line.strip()]
+    read = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
+    first, *lines = (line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in read)
+    rows = [line for line in lines if line.strip()]
     for delimiter in (";", "\t", ",", " "):
-        cells = [cell.strip() for line in rows for cell in _cells(line, delimiter)]
+        cells = [
+            cell.strip() for line in rows for cell in line.split(None if delimiter == " " else delimiter)
+        ]
         if len(cells) == len(rows) or not cells:
             continue
         if all(NUMBER.fullmatch(cell) for cell in cells):
             commas = delimiter != "," and any("," in cell for cell in cells)
             return delimiter, "," if commas else None
-    first = lines[0]
     return next(
         (sign for sign in (",", ";", "\t") if sign in first), " " if " " in first.strip() else ","
     ), None

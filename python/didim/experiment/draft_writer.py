@@ -12,9 +12,9 @@ from .._tools.arrays import Array
 from .._tools.toml import quoted
 from .._tools.words import brief, counted, one_line, series
 from ..errors import RecordingError
-from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range
+from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range, whole_rate
 from ..log.sampling import time_faults
-from ..log.units import ESTIMATE
+from ..log.units import ESTIMATE, TIME
 from ..robot.robot import Robot
 from .draft_columns import Column, listed
 from .draft_files import REPEATED, Log
@@ -225,20 +225,16 @@ class RecordingWriter:
             )
         # Robots are logged at 10 Hz to 50 kHz.
         unit = stamp.unit or ("s" if step < 0.11 else "ms" if step < 110.0 else "us")
-        seconds = {"s": 1.0, "ms": 1e-3, "us": 1e-6}.get(unit)
-        if seconds is None:
-            unit, seconds = "s", 1.0
-        t = t * seconds
+        unit = unit if unit in TIME else "s"
+        t = t * TIME[unit]
         faults = list(time_faults(t, None, self.file))
         how = "" if stamp.unit else " # confirm"
         table = ["[recording.time]", *self.source.lines([stamp], self.robot)]
         table.append(f"unit = {quoted(unit)}{how}")
         if faults:
             return self._resampled(stamp, unit, t, faults[0].sentence, table)
-        rate = (len(t) - 1) / float(t[-1] - t[0])
-        # Time stamps are rounded, so a rate within a thousandth of a whole number of Hz is that number.
-        rate = round(rate) if round(rate) > 0 and abs(rate - round(rate)) < 1e-3 * rate else rate
-        self.rate = rate if self.rate is None else self.rate
+        if self.rate is None:
+            self.rate = whole_rate((len(t) - 1) / float(t[-1] - t[0]))
         self._tell(f"time stamps {stamp.name!r} in {unit}: {self.rate:.9g} Hz, {counted(len(t), 'sample')}")
         return [f"rate_hz = {self.rate:.9g} # confirm", *self._windows(t), *table]
 
@@ -289,11 +285,13 @@ class RecordingWriter:
             f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"
         ]
 
-    def _missing(self, table: str, wanted: str) -> list[str]:
+    def _missing(self, table: str) -> list[str]:
+        """Return commented lines of a table whose columns are unknown, and ask for them."""
         n = self.robot.n_dof
         names = quoted([str(column.name) for column in self.source.columns][: 3 * n])
-        option = f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... (or current), "
-        blocks = self._open_blocks() or self._other_count(wanted)
+        torque = table == "torque"
+        option = f"--columns {table}=...{' (or current)' if torque else ''}, "
+        blocks = self._open_blocks() or self._other_count(table)
         if self.source.joints:
             known = series(self.source.joints, 60)
             self._ask(
@@ -302,22 +300,19 @@ class RecordingWriter:
             )
             names = quoted(list(self.source.joints))
         else:
-            servos = self._offers(wanted) and not blocks
+            # A fit on positions does not need torques.
+            servos = bool(torque and self.reference and self.position and not blocks)
             also = "; or give --kp and --kv of servos (fit on positions)" if servos else blocks
-            question = f"which columns hold the {wanted}s of the {counted(n, 'joint')}"
+            question = f"which columns hold the {table}s of the {counted(n, 'joint')}"
             answer = f"Give {option}or fill in [recording.{table}]"
             self._ask(f"{question}? {answer}{also}" if servos else f"{question}{also}? {answer}")
         return [
-            f"# [recording.{table}] # which {counted(n, 'column')} hold the {wanted}s? There are {names[1:-1]}",
+            f"# [recording.{table}] # which {counted(n, 'column')} hold the {table}s? There are {names[1:-1]}",
             *(f"# {line}" for line in self.source.keys),
             "# columns = []",
-            f'# unit = "{"rad" if table == "position" else "N.m"}"',
+            f'# unit = "{"N.m" if torque else "rad"}"',
             '# side = "joint"',
         ]
-
-    def _offers(self, wanted: str) -> bool:
-        """Whether a fit on positions does not need the missing signals."""
-        return wanted == "torque" and bool(self.reference and self.position)
 
     def _other_count(self, wanted: str) -> str:
         """Return the part of the question on a signal with a different number of joints."""
@@ -369,7 +364,7 @@ class RecordingWriter:
 
     def _motion(self, table: str, columns: list[Column]) -> list[str]:
         if not columns:
-            return self._missing("position", "position")
+            return self._missing("position")
         values = self._plausible(columns)
         motor = self._of_motors(table, columns)
         units, sure = [], True
@@ -386,11 +381,10 @@ class RecordingWriter:
         # All revolute joints of a log have one unit.
         if not sure and "deg" in units:
             units = ["deg" if unit == "rad" else unit for unit in units]
-        unit = quoted(units[0] if len(set(units)) == 1 else units)
         ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
         self._tell(f"{table} {listed(columns)} in {brief('/'.join(dict.fromkeys(units)), 30)}")
         lines = [f"[recording.{table}] # ranges: {ranges}", *self.source.lines(columns, self.robot)]
-        lines.append(f"unit = {unit}" + ("" if sure else " # confirm"))
+        lines.append(_unit_line(units, sure=sure))
         if "count" in units:
             lines.append("# counts_per_rev = 4096 # how many counts make one turn?")
             self._ask(f"how many counts make one turn (counts_per_rev under [recording.{table}])?")
@@ -406,7 +400,7 @@ class RecordingWriter:
 
     def _effort(self, columns: list[Column]) -> list[str]:
         if not columns:
-            return self._missing("torque", "torque")
+            return self._missing("torque")
         what = columns[0].what
         units = []
         for column, kind in zip(columns, self.robot.joint_kinds, strict=True):
@@ -418,9 +412,7 @@ class RecordingWriter:
         largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
         self._tell(f"torque {listed(columns)} in {brief('/'.join(dict.fromkeys(units)), 30)}")
         lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
-        lines.append(
-            f"unit = {quoted(units[0] if len(set(units)) == 1 else units)}" + ("" if sure else " # confirm")
-        )
+        lines.append(_unit_line(units, sure=sure))
         if set(units) & {"A", "V"}:
             lines.append(self._gain(columns, units[0]))
         return [*lines, self._side("torque", columns)]
@@ -439,6 +431,11 @@ class RecordingWriter:
             "--gain estimate if another log has a load of known mass)?"
         )
         return f"{OPEN_GAIN} # how many N.m are one {unit}? One number, or one for each joint"
+
+
+def _unit_line(units: Sequence[str], *, sure: bool) -> str:
+    unit = units[0] if len(set(units)) == 1 else list(units)
+    return f"unit = {quoted(unit)}{'' if sure else ' # confirm'}"
 
 
 def names_of(robot: Robot) -> str:

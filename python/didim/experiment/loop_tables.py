@@ -59,17 +59,14 @@ def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
             **limits,
         )
     factor, unit = _one_unit(table, "sine", robot)
-    rows = table.raw(f"sine_{unit}")
-    count = len(rows) if isinstance(rows, list) else 1
-    sine, cosine = (np.array(table.matrix(f"{key}_{unit}", count, n)) * factor for key in ("sine", "cosine"))
+    sine = np.array(table.matrix(f"sine_{unit}", None, n)) * factor
+    cosine = np.array(table.matrix(f"cosine_{unit}", len(sine), n)) * factor
     return lambda: Reference.fourier(sine, cosine, period_s=period, offset=offset, duration_s=duration)
 
 
 def _point_to_point(table: Table, robot: Robot) -> Callable[[], Reference]:
     factor, unit = _one_unit(table, "points", robot)
-    rows = table.raw(f"points_{unit}")
-    count = len(rows) if isinstance(rows, list) else 2
-    points = np.array(table.matrix(f"points_{unit}", count, robot.n_dof)) * factor
+    points = np.array(table.matrix(f"points_{unit}", None, robot.n_dof)) * factor
     velocity = joint_values(table, "max_velocity", robot, "_s")
     acceleration = joint_values(table, "max_acceleration", robot, "_s2")
     dwell = table.number("dwell_s")
@@ -269,11 +266,9 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
     smoothing = None
     if has_joint_values(table, "smoothing", "_s"):
         smoothing = tuple(joint_values(table, "smoothing", robot, "_s"))
-    settings = SimulationSettings(
-        **table.given(),
-        fine_step_s=_fine_step(table, robot),
-        smoothing=smoothing,
-    )
+    per_joint = isinstance(table.raw("fine_step_s", None), list)
+    fine = tuple(table.spread("fine_step_s", robot.n_dof)) if per_joint else table.number("fine_step_s", None)
+    settings = SimulationSettings(**table.given(), fine_step_s=fine, smoothing=smoothing)
     if table.has("controller_state"):
         if settings.controller_start is not None:
             table.fail("give controller_start or the table controller_state, not both")
@@ -285,27 +280,14 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
 def _state(table: Table, robot: Robot) -> ControllerMemory:
     """Read ``[simulation.controller_state]``."""
     n = robot.n_dof
-
-    def rows(key: str) -> list[list[float]] | None:
-        given = table.raw(key, None)
-        if given is None:
-            return None
-        return table.matrix(key, len(given) if isinstance(given, list) else 1, n)
-
     integrators = table.spread("integrators", n)
-    outputs, positions = rows("outputs"), rows("positions")
+    outputs, positions = (table.matrix(key, None, n, None) for key in ("outputs", "positions"))
     table.done()
     return table.checked(
         lambda: ControllerMemory(
             start="integrators", values=tuple(integrators), outputs=outputs, positions=positions
         ),
     )
-
-
-def _fine_step(table: Table, robot: Robot) -> float | tuple[float, ...] | None:
-    if not isinstance(table.raw("fine_step_s", None), list):
-        return table.number("fine_step_s", None)
-    return tuple(table.spread("fine_step_s", robot.n_dof))
 
 
 def read_measurement(table: Table, robot: Robot) -> Measurement:

@@ -47,6 +47,13 @@ class CsvFile(DataFile):
         Whether the first line holds names; None detects it, and refuses a first line of both names and numbers.
     decimal
         Decimal sign of the numbers: a point or a comma.
+
+    Attributes
+    ----------
+    names : list of str or None
+        Names in the header.
+    n_columns : int
+        Number of columns of the first line.
     """
 
     def __init__(
@@ -63,9 +70,9 @@ class CsvFile(DataFile):
         cells = [cell.strip().strip('"') for cell in self._split(self._first)]
         if decimal == ",":
             cells = self._with_points(cells, header, end)
-        self._n_columns = len(cells)
-        if self._n_columns > MOST_COLUMNS:
-            self.fail(f"the first line has {self._n_columns} columns, and a log has at most {MOST_COLUMNS}")
+        self.n_columns = len(cells)
+        if self.n_columns > MOST_COLUMNS:
+            self.fail(f"the first line has {self.n_columns} columns, and a log has at most {MOST_COLUMNS}")
         if not any(cells):
             self.fail("the first line is blank")
         numeric = [_number_or_none(cell) is not None for cell in cells]
@@ -156,7 +163,7 @@ class CsvFile(DataFile):
         """Return the end of a sentence that suggests another delimiter if the first line seems to use it."""
         for other in (";", "\t", ",", " "):
             # Names may contain commas and blanks: these are likely delimiters only if there is no other.
-            if other in self._first and other != self._delimiter and (other in ";\t" or self._n_columns == 1):
+            if other in self._first and other != self._delimiter and (other in ";\t" or self.n_columns == 1):
                 return f"; is delimiter = {json.dumps(other)} meant?"
         return ""
 
@@ -171,9 +178,9 @@ class CsvFile(DataFile):
         if variable is not None:
             self.fail("variable is for .mat and .npz files; a CSV file has columns")
         if columns is None:
-            if self._n_columns != count:
+            if self.n_columns != count:
                 self.fail(
-                    f"the file has {counted(self._n_columns, 'column')} where {count} "
+                    f"the file has {counted(self.n_columns, 'column')} where {count} "
                     f"{'is' if count == 1 else 'are'} wanted"
                     + ("; transpose it?" if self._n_rows == count else self._columns_hint(count))
                 )
@@ -181,12 +188,12 @@ class CsvFile(DataFile):
         return [self._index(column) for column in columns]
 
     def _columns_hint(self, count: int) -> str:
-        return self._delimiter_hint() or (", so columns must say which" if self._n_columns > count else "")
+        return self._delimiter_hint() or (", so columns must say which" if self.n_columns > count else "")
 
     def _index(self, column: Column) -> int:
         if isinstance(column, int):
-            if not 1 <= column <= self._n_columns:
-                there = f"the columns are 1 to {self._n_columns}" if self._n_columns > 1 else "there is one"
+            if not 1 <= column <= self.n_columns:
+                there = f"the columns are 1 to {self.n_columns}" if self.n_columns > 1 else "there is one"
                 self.fail(f"there is no column {column}; {there}{self._delimiter_hint()}")
             return column - 1
         if self.names is None:
@@ -236,14 +243,14 @@ class CsvFile(DataFile):
             return None
         begin = 0 if self.names is None else self._body.find(b"\n") + 1
         return _core.parse_table(
-            self._body[begin:], ord(self._delimiter), self._n_columns, usecols, core_threads()
+            self._body[begin:], ord(self._delimiter), self.n_columns, usecols, core_threads()
         )
 
     def _is_rectangular(self) -> bool:
         lines = self._body.count(b"\n") + 1
         if self._delimiter == " ":
-            return len(self._body.split()) == lines * self._n_columns
-        return self._body.count(self._delimiter.encode()) == lines * (self._n_columns - 1)
+            return len(self._body.split()) == lines * self.n_columns
+        return self._body.count(self._delimiter.encode()) == lines * (self.n_columns - 1)
 
     def _find_fault(self, usecols: list[int]) -> None:
         """Raise on the first line that is blank, ragged or not numeric; return when there is none."""
@@ -254,11 +261,11 @@ class CsvFile(DataFile):
             if not line.strip():
                 self.fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
-            if len(cells) != self._n_columns:
+            if len(cells) != self.n_columns:
                 hint = self._ragged_hint(len(cells), last=number == self._body.count(b"\n") + 1)
                 self.fail(
                     f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
-                    f"{self._n_columns}{hint}"
+                    f"{self.n_columns}{hint}"
                 )
             for index in usecols:
                 cell = cells[index].strip()
@@ -270,6 +277,6 @@ class CsvFile(DataFile):
 
     def _ragged_hint(self, count: int, *, last: bool) -> str:
         """End of a sentence on a line with another number of cells than the first."""
-        if count == 2 * self._n_columns:
+        if count == 2 * self.n_columns:
             return "; are there decimal commas?"
         return "; it is the last one: delete it if the recording was cut off" if last else ""

@@ -119,7 +119,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             f"{file}: time does not grow from row {before + 1} ({t[before]:.9g} s) to row {after + 1}"
         )
     period = float(np.median(steps))
-    rate = _whole(1.0 / period) if rate_hz is None else rate_hz
+    rate = whole_rate(1.0 / period) if rate_hz is None else rate_hz
     if not SLOWEST <= rate * period <= FASTEST:
         raise RecordingError(
             f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, as the time stamps have {1.0 / period:.6g} Hz; "
@@ -166,7 +166,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     )
 
 
-def _whole(rate: float) -> float:
+def whole_rate(rate: float) -> float:
     """Round a rate within a thousandth of a whole number of Hz: time stamps are rounded."""
     near = float(round(rate))
     return near if near > 0.0 and abs(rate - near) < RATE_TOLERANCE * rate else rate
