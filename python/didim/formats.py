@@ -9,7 +9,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .errors import FitError
@@ -104,19 +104,11 @@ def _identification(fit: Identification, form: str) -> str:
         body += [(name, *row[1:]) for name, row in zip(names, rest, strict=True)]
         titles = [line for above, _ in further for line in above]
         return _latex(Grid(columns, body, "llrrrrrrl"), [title, *titles, *lines, *notes])
-    return "\n\n".join(
-        [
-            _escaped(title),
-            _markdown(Grid(columns, body, "llrrrrrrl")),
-            *(
-                part
-                for above, (_, *block) in further
-                for part in (*map(_escaped, above), _markdown(Grid(columns, block, "llrrrrrrl")))
-            ),
-            _markdown(Grid(errors_head, errors, "l" + "r" * (len(errors_head) - 1))),
-            *map(_escaped, notes),
-        ]
-    )
+    tables = [_markdown(Grid(columns, body, "llrrrrrrl"))]
+    for above, (_, *block) in further:
+        tables += [*map(_escaped, above), _markdown(Grid(columns, block, "llrrrrrrl"))]
+    tables.append(_markdown(Grid(errors_head, errors, "l" + "r" * (len(errors_head) - 1))))
+    return _pages(title, tables, notes)
 
 
 def _comparison(comparison: Comparison, form: str) -> str:
@@ -157,7 +149,7 @@ def _comparison(comparison: Comparison, form: str) -> str:
     # Pipe tables have one line of headings.
     columns = [f"{title}: {what}" for title in titles for what in ("estimate", "sigma %", "off")]
     grid = Grid(("parameter", "unit", "truth", *columns), body, align)
-    return "\n\n".join([_escaped(comparison.experiment.name), _markdown(grid), *map(_escaped, notes)])
+    return _pages(comparison.experiment.name, [_markdown(grid)], notes)
 
 
 def _study(study: StudyResults, form: str) -> str:
@@ -171,7 +163,12 @@ def _study(study: StudyResults, form: str) -> str:
     notes = [*NOTES, *([study.missing()] if study.missing() else [])]
     if form == "latex":
         return _latex(grid, [study.name, *notes])
-    return "\n\n".join([_escaped(study.name), _markdown(grid), *map(_escaped, notes)])
+    return _pages(study.name, [_markdown(grid)], notes)
+
+
+def _pages(title: str, tables: Sequence[str], notes: Iterable[str]) -> str:
+    """Return tables of Markdown between a title and notes."""
+    return "\n\n".join([_escaped(title), *tables, *map(_escaped, notes)])
 
 
 def _percent(percent: float) -> str:

@@ -140,12 +140,20 @@ def read_file(
         For an output of the same run.
     """
     check_input(path, error, missing, copies=copies)
+    with readable(path, error):
+        try:
+            return path.read_bytes()
+        except MemoryError:
+            raise error(f"{path}: there is no memory for its {path.stat().st_size / GB:.3g} GB") from None
+
+
+@contextmanager
+def readable(path: Path, error: type[DidimError]) -> Iterator[None]:
+    """Raise what the system says against reading a file as an error of this class, with the file."""
     try:
-        return path.read_bytes()
+        yield
     except OSError as reason:
         raise error(f"{path}: cannot be read ({reason.strerror})") from None
-    except MemoryError:
-        raise error(f"{path}: there is no memory for its {path.stat().st_size / GB:.3g} GB") from None
 
 
 def check_input(
@@ -191,11 +199,8 @@ def read_small_file(path: Path, error: type[DidimError], missing: str = "no such
 def first_lines(path: Path, error: type[DidimError], count: int, longest: int) -> list[bytes]:
     """Return the first lines of a log with their ends, each of at most `longest` bytes. Errors as of `read_file`."""
     check_input(path, error, "no such data file")
-    try:
-        with path.open("rb") as file:
-            return [file.readline(longest) for _ in range(count)]
-    except OSError as reason:
-        raise error(f"{path}: cannot be read ({reason.strerror})") from None
+    with readable(path, error), path.open("rb") as file:
+        return [file.readline(longest) for _ in range(count)]
 
 
 # Memory.

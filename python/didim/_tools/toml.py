@@ -11,6 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from operator import ge, gt, le
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -165,6 +166,14 @@ class Table:
         value = self.raw(key, default)
         return MISSING if value is default and key not in self._mapping else value
 
+    def _typed(self, key: str, default: _Default, kind: type[_Made], noun: str) -> _Made | _Default:
+        """Return the value of a key, which must be of one type, or the default."""
+        if (value := self._read(key, default)) is MISSING:
+            return default
+        if not isinstance(value, kind):
+            self.fail(f"{key} must be {noun}, got {brief(repr(value))}")
+        return value
+
     def given(self) -> dict[str, Any]:
         """Return the values of the declared keys that the table holds: the defaults are those of settings."""
         readers: dict[str, Callable[[str], Any]] = {
@@ -208,12 +217,9 @@ class Table:
 
     def text(self, key: str, default: _Default = MISSING) -> str | _Default:
         """Text, one of the declared choices if there are any."""
-        if (value := self._read(key, default)) is MISSING:
-            return default
-        if not isinstance(value, str):
-            self.fail(f"{key} must be a text, got {brief(repr(value))}")
+        value = self._typed(key, default, str, "a text")
         row = self._keys.rows.get(key)
-        if row is not None and row.choices and value not in row.choices:
+        if row is not None and row.choices and isinstance(value, str) and value not in row.choices:
             self.fail(
                 f"{key} must be one of {listing(row.choices, 60)}, got {brief(repr(value), 40)}{did_you_mean(value, row.choices)}"
             )
@@ -221,11 +227,7 @@ class Table:
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
         """Truth value, ``true`` or ``false``."""
-        if (value := self._read(key, default)) is MISSING:
-            return default
-        if not isinstance(value, bool):
-            self.fail(f"{key} must be true or false, got {brief(repr(value))}")
-        return value
+        return self._typed(key, default, bool, "true or false")
 
     def numbers(
         self, key: str, length: int | None = None, default: _Default = MISSING
@@ -265,16 +267,12 @@ class Table:
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
         """Sub-table ``[key]``."""
-        if (value := self._read(key, default)) is MISSING:
-            return default
-        if not isinstance(value, dict):
-            self.fail(f"{key} must be a table, got {brief(repr(value))}")
-        return self._child(value, key)
+        value = self._typed(key, default, dict, "a table")
+        return self._child(value, key) if isinstance(value, dict) else value
 
     def part(self, key: str) -> Table:
         """Sub-table ``[key]``, empty if the file has none."""
-        table = self.table(key, None)
-        return self._child({}, key) if table is None else table
+        return self.table(key, None) or self._child({}, key)
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
         """Return an array of tables ``[[key]]``; several are named by their index."""
@@ -331,9 +329,8 @@ class Table:
         row = self._keys.rows.get(key)
         if row is None:
             return
-        if row.above is not None and not value > row.above:
-            self.fail(f"{key}{where} must be above {row.above}, got {value}")
-        if row.minimum is not None and value < row.minimum:
-            self.fail(f"{key}{where} must be at least {row.minimum}, got {value}")
-        if row.maximum is not None and value > row.maximum:
-            self.fail(f"{key}{where} must be at most {row.maximum}, got {value}")
+        for words, bound, keeps in (
+            ("above", row.above, gt), ("at least", row.minimum, ge), ("at most", row.maximum, le)
+        ):  # fmt: skip
+            if bound is not None and not keeps(value, bound):
+                self.fail(f"{key}{where} must be {words} {bound}, got {value}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast, get_args
 
 from .._tools.toml import Table
 from .._tools.words import series
@@ -86,11 +86,9 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
 
 def _shared(table: Table, kind: str) -> Shared:
     """Read `shared`: true means the whole robot. Delays and lags are shared by default, as drives on one bus have the same."""
-    default = kind in ("delay_s", "lag_s")
-    given = table.raw("shared", default)
-    choices: dict[object, Shared] = {True: "robot", False: "joint"}
-    names: tuple[Shared, ...] = ("joint", "limb", "robot", "log")
-    choices |= {name: name for name in names}
-    if not isinstance(given, bool | str) or given not in choices:
+    given = table.raw("shared", kind in ("delay_s", "lag_s"))
+    if isinstance(given, bool):
+        given = "robot" if given else "joint"
+    if given not in get_args(Shared):
         table.fail(f'shared must be true, false, "joint", "limb", "robot" or "log", got {given!r}')
-    return choices[given]
+    return cast("Shared", given)

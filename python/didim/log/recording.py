@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from operator import index
 from typing import Any, Literal
 
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import LARGEST_POSITION, Array, real_array
 from .._tools.notebook import Brief
 from .._tools.pickling import Pickled
-from .._tools.settings import one_of
+from .._tools.settings import one_of, positive
 from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, check_time
 
@@ -261,9 +260,7 @@ class Recording(Pickled, Brief):
 
 def checked_rate(name: str, rate_hz: object) -> float:
     """Return a sampling rate (Hz) as a float, or raise a `RecordingError` that names the recording."""
-    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real) or not 0.0 < float(rate_hz) < np.inf:
-        raise RecordingError(f"{name}: rate_hz must be a positive number, got {rate_hz!r}")
-    return float(rate_hz)
+    return positive(f"{name}: rate_hz", rate_hz, RecordingError)
 
 
 def clock(n_samples: int, rate_hz: float) -> Array:

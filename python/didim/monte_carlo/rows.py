@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._tools.inputs import read_file
+from .._tools.inputs import read_file, readable
+from .._tools.settings import real_number
 from .._tools.words import brief, counted, series
 from ..errors import StudyError
 from ..result.status import Status
@@ -190,10 +191,8 @@ def _places(lines: list[int]) -> str:
 def _content(path: Path, appended: bool) -> bytes:
     if not appended:
         return read_file(path, StudyError, "cannot be read (there is no such file)", copies=2)
-    try:
+    with readable(path, StudyError):
         return path.read_bytes()
-    except OSError as reason:
-        raise StudyError(f"{path}: cannot be read ({reason.strerror})") from None
 
 
 def _lines(content: bytes) -> Iterable[Line]:
@@ -210,12 +209,7 @@ def _lines(content: bytes) -> Iterable[Line]:
 
 
 def _is_number(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer of hundreds of digits
-        return False
+    return math.isfinite(real_number(value))
 
 
 def _is_whole(value: object) -> bool:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.settings import real_number
 from .._tools.words import counted
 from ..errors import FitError
 
@@ -53,14 +53,10 @@ class DelaySettings:
                 raise FitError(_wrong(value))
             return
         values: list[Any] = list(value) if isinstance(value, (Sequence, np.ndarray)) else [value]
-        if not values or not all(_number(one) for one in values):
+        if not values or not all(math.isfinite(real_number(one)) for one in values):
             raise FitError(_wrong(value))
         if isinstance(value, (Sequence, np.ndarray)):
             object.__setattr__(self, "compensate_samples", tuple(float(one) for one in values))
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _wrong(value: object) -> str:

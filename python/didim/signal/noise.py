@@ -204,9 +204,7 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
 @lru_cache(maxsize=64)
 def _correlation(factors: tuple[int, ...]) -> Array:
     """Return `noise_correlation`, read-only and cached: `check` builds hundreds of linear systems, each of which needs it."""
-    total = math.prod(factors)
-    if total > LARGEST_DECIMATION:
-        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
+    total = _total(factors)
     power = np.ones(1)
     for factor in reversed(factors):
         # Spectra at the rate before this stage, on the circle; the later stages act on its folds alike.
@@ -252,10 +250,7 @@ def _row_noise(
     factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
 ) -> tuple[float, float]:
     """Return the factors of `row_noise`, cached, because the spectra are long."""
-    total = math.prod(factors)
-    if total > LARGEST_DECIMATION:
-        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
-    size = _CIRCLE * total
+    size = _CIRCLE * _total(factors)
     power = np.ones(size)
     before = 1
     for factor in factors:
@@ -272,6 +267,13 @@ def _row_noise(
             motion /= (1.0 + warped ** (2 * order)) ** 2
     slope = (np.sin(angle) * rate_hz) ** 2
     return math.sqrt(power.mean()), math.sqrt((motion * slope).mean())
+
+
+def _total(factors: tuple[int, ...]) -> int:
+    total = math.prod(factors)
+    if total > LARGEST_DECIMATION:
+        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
+    return total
 
 
 def _squared_gain(factor: int, size: int) -> Array:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -59,11 +60,11 @@ class Segment:
 
     def cut(self, rows: slice) -> Segment:
         """Return some of the samples."""
-        q, dq, ddq, tau = (
-            np.ascontiguousarray(values[rows]) for values in (self.q, self.dq, self.ddq, self.tau)
-        )
-        temperature = None if self.temperature is None else np.ascontiguousarray(self.temperature[rows])
-        return replace(self, q=q, dq=dq, ddq=ddq, tau=tau, temperature=temperature)
+        signals = {key: getattr(self, key) for key in ("q", "dq", "ddq", "tau", "temperature")}
+        kept: dict[str, Any] = {
+            key: np.ascontiguousarray(signal[rows]) for key, signal in signals.items() if signal is not None
+        }
+        return replace(self, **kept)
 
     @cached_property
     def noise(self) -> Array:

@@ -24,13 +24,14 @@ BAND = 0.99
 
 def motion_band(recording: Recording) -> float:
     """Return the largest bandwidth of the joints' velocities (99 % of the power), in Hz, or 0."""
-    band = 0.0
-    for joint in range(recording.q.shape[1]):
-        f, x, motion = spectrum(recording, joint)
-        total = np.cumsum(motion * x**2)
-        if total.size and total[-1] > 0.0:
-            band = max(band, float(f[np.searchsorted(total, BAND * total[-1])]))
-    return band
+    spectra = (spectrum(recording, joint) for joint in range(recording.q.shape[1]))
+    return max(_end(f, motion * x**2) for f, x, motion in spectra)
+
+
+def _end(f: Array, power: Array) -> float:
+    """Return the frequency below which `BAND` of the power lies; 0 without any."""
+    total = np.cumsum(power)
+    return float(f[np.searchsorted(total, BAND * total[-1])]) if total.size and total[-1] > 0.0 else 0.0
 
 
 def contiguous_band(recording: Recording) -> float:
@@ -73,9 +74,7 @@ def contiguous_band(recording: Recording) -> float:
         largest = int(np.argmax(power))
         sunk = np.flatnonzero(power[largest:] <= ABOVE_NOISE * noise[largest:])
         end = largest + int(sunk[0]) if sunk.size else len(f)
-        total = np.cumsum(np.maximum(power - noise, 0.0)[:end])
-        if total.size and total[-1] > 0.0:
-            band = max(band, float(f[np.searchsorted(total, BAND * total[-1])]))
+        band = max(band, _end(f, np.maximum(power - noise, 0.0)[:end]))
     return band
 
 
