@@ -26,7 +26,7 @@ from mujoco import minimize, rollout
 
 import didim
 from didim.methods.cloe.cloe import CLOE
-from didim.methods.positions.problem import build
+from didim.methods.positions.problem import Problem
 from didim.result.positions.record import PositionRecord
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -277,9 +277,7 @@ def quadruped(folder: Path) -> None:
 def equal_accuracy(experiment: didim.Experiment, fit: didim.Identification, peer: Rollouts) -> None:
     """Print the processor time of a simulation of all legs, MuJoCo's with the longest steps that are as accurate as ours."""
     theta, count = np.array(fit.beta), 32
-    exact, usual = (
-        build(experiment_at(experiment, step), noise=None, threads=1, start=None) for step in (1e-4, None)
-    )
+    exact, usual = (Problem(experiment_at(experiment, step), threads=1) for step in (1e-4, None))
     errors = [
         rms(np.concatenate(a) - np.concatenate(b)) for a, b in [(usual.errors(theta), exact.errors(theta))]
     ]

@@ -14,7 +14,7 @@ import didim
 from didim.export.drives import drives_of
 from didim.export.mjcf_edit import edit_mjcf
 from didim.methods.cloe.cloe import CLOE
-from didim.methods.positions.problem import build
+from didim.methods.positions.problem import Problem
 from didim.methods.positions.replay import position_errors, replayed
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import followed, recorded
@@ -161,7 +161,7 @@ def test_a_smooth_sign_of_another_width_is_near_its_intervals(tmp_path: Path, sp
     """No law of the search is this friction: estimates are 1 to 2 % off, at most 1.5 half widths of their intervals."""
     fitted(tmp_path, seconds=9)
     experiment = didim.load_experiment(tmp_path / "leg.toml")
-    truth = build(
+    truth = Problem(
         replace(
             experiment,
             robot=experiment.robot.with_smoothing([speed] * 2),

@@ -13,7 +13,7 @@ import didim
 from didim.diagnosis.check import check
 from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
-from didim.methods.positions.problem import build
+from didim.methods.positions.problem import Problem
 from didim.methods.positions.replay import position_errors, replayed
 from didim.methods.positions.stops import STRONGEST, pushed_stretches
 from didim.studies.in_mujoco import validate_in_mujoco
@@ -88,7 +88,7 @@ def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
     assert "(gripper) is held by " + ("the end of its range (1.75)" if ranges else "a contact") in sentence
     drives_are_true(fit, 0.03)
     (at_limit,) = np.nonzero(np.any(r[:, 3:] > 1.85, axis=1))
-    stops = build(experiment).stops
+    stops = Problem(experiment).stops
     assert {item.joint for item in stops} == {3}
     left_out = np.concatenate([np.arange(item.begin, item.end) for item in stops])
     assert np.isin(at_limit[at_limit > 5] + 2, left_out).mean() > 0.8
@@ -103,7 +103,7 @@ def test_free_motion_has_no_word(tmp_path: Path, span: str) -> None:
     """Not even beyond ranges of a file that are too narrow: the joints follow their commands there."""
     file = arm_text() if not span else re.sub(r'range="[^"]*"', f'range="{span}"', arm_text())
     experiment = logged(tmp_path, commands([0.0] * 4), file)
-    problem = build(experiment)
+    problem = Problem(experiment)
     assert not problem.stops
     assert [len(item.q) for item in problem.rollouts] == [600]
 

@@ -19,6 +19,7 @@ from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.intervals import errors_over_noise, intervals, model_errors, per_step
 from didim.methods.positions.knowledge import _excess, widening
 from didim.methods.positions.motion import _motion
+from didim.methods.positions.search import Search
 from didim.methods.positions.stops import Stop, _pulled, pushed_stretches, refuse_little
 from plain import stub
 
@@ -49,22 +50,21 @@ def test_a_fifth_of_a_log_must_be_free(used: int, refused: bool) -> None:
         refuse_little(experiment, stops, limb, used, 100)
 
 
-def problem_of(monkeypatch: pytest.MonkeyPatch, **facts: object) -> Any:
-    """Return a problem of one unknown whose normal matrix is one, and whose gradient is the sum of its errors."""
+def search_of(monkeypatch: pytest.MonkeyPatch, there: Array, **facts: object) -> Search:
+    """Return a search of one unknown whose normal matrix is one, and whose gradient is the sum of its errors."""
 
-    def normal(problem: object, errors: list[Array], blocks: object) -> tuple[Array, Array]:
-        return np.eye(1), np.array([sum(float(e.sum()) for e in errors)])
+    def normal(now: Search, errors: list[Array] | None = None) -> tuple[Array, Array]:
+        return np.eye(1), np.array([sum(float(e.sum()) for e in errors or now.errors)])
 
-    monkeypatch.setattr(of_blocks, "normal_of", normal)
-    monkeypatch.setattr(of_blocks, "at_bound", lambda problem, now: np.zeros(1, dtype=bool))
-    return stub(columns=[stub(sigma=np.inf)], **facts)
+    monkeypatch.setattr(Search, "normal", normal)
+    monkeypatch.setattr(of_blocks, "at_bound", lambda now: np.zeros(1, dtype=bool))
+    return Search(stub(columns=[stub(sigma=np.inf)], **facts), np.zeros(1), [there], [], 0.0, 0.0)
 
 
 def test_a_simulators_step_is_felt_in_ten_chords(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each here leaves three quarters of a change of one."""
-    problem = problem_of(monkeypatch, errors=lambda theta, lead_s: [0.25 * (theta - 1.0)])
-    now = stub(theta=np.zeros(1), errors=[np.zeros(1)], blocks=None, free=np.ones(1, dtype=bool))
-    assert per_step(problem, now)[0] * 2e-3 == pytest.approx(1.0 - 0.75**10)
+    now = search_of(monkeypatch, np.zeros(1), errors=lambda theta, lead_s: [0.25 * (theta - 1.0)])
+    assert per_step(now)[0] * 2e-3 == pytest.approx(1.0 - 0.75**10)
 
 
 @pytest.mark.parametrize(("blocks", "known"), [(3, False), (4, True)])
@@ -73,14 +73,13 @@ def test_a_covariance_needs_four_blocks(blocks: int, known: bool, monkeypatch: p
     monkeypatch.setattr(of_blocks, "_normal_of_blocks", lambda *given: ())
     monkeypatch.setattr(of_blocks, "_jackknife", lambda *given: np.eye(1))
     monkeypatch.setattr(of_blocks, "_drift", lambda *given: np.zeros((2, 1)))
-    now = stub(errors=[np.ones(9)], blocks=None, free=np.ones(1, dtype=bool))
-    assert bool(np.isfinite(intervals(problem_of(monkeypatch), now).std).all()) is known
+    assert bool(np.isfinite(intervals(search_of(monkeypatch, np.ones(9))).std).all()) is known
 
 
 def test_an_encoder_has_a_noise_of_a_ten_thousandth() -> None:
-    item = stub(role="fit", limb=0, q=np.zeros((100, 1)))
-    problem = stub(robot=stub(n_dof=1), rollouts=[item], weights=[np.ones(1)], limbs=[stub(joints=(0,))])
-    over = errors_over_noise(problem, stub(errors=[np.full(100, 2e-5)]))
+    rollout = stub(joints=[0], q=np.zeros((100, 1)), by_joint=lambda errors: errors.reshape(-1, 1))
+    problem = stub(robot=stub(n_dof=1), rollouts=[rollout])
+    over = errors_over_noise(stub(problem=problem, errors=[np.full(100, 2e-5)]))
     assert over.tolist() == pytest.approx([0.2])
 
 
@@ -119,15 +118,15 @@ def test_a_joint_unlike_its_siblings(
 def test_a_search_has_forty_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     heard: dict[str, float] = {}
 
-    def searched(problem: object, now: object, held: object, options: dict[str, float]) -> None:
+    def searched(now: object, options: dict[str, float]) -> None:
         heard.update(options)
         raise KeyboardInterrupt
 
     problem = stub(columns=[None], start=None, joint_errors=lambda errors: None)
     monkeypatch.setattr(estimate, "_check", lambda *given: None)
-    monkeypatch.setattr(estimate, "build", lambda *given, **more: problem)
+    monkeypatch.setattr(estimate, "Problem", lambda *given, **more: problem)
     monkeypatch.setattr(estimate, "begun", lambda *given: stub(errors=None, theta=np.zeros(1)))
-    monkeypatch.setattr(estimate, "unidentified", lambda *given, **more: [])
+    monkeypatch.setattr(estimate, "unidentified", lambda *given, **more: {})
     monkeypatch.setattr(estimate, "may_be_soft", lambda experiment: False)
     monkeypatch.setattr(estimate, "searched", searched)
     with pytest.raises(KeyboardInterrupt):

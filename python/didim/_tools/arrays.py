@@ -66,6 +66,13 @@ def quotient(values: Array, sizes: Array, otherwise: float = 0.0) -> Array:
     return np.asarray(np.divide(values, sizes, out=out, where=sizes > 0.0))
 
 
+def unit_diagonal(matrix: Array) -> tuple[Array, Array]:
+    """Return a symmetric matrix (n, n) scaled to a diagonal of ones, and the roots of its diagonal, (n,); a zero stays, with 1."""
+    size = np.sqrt(np.diag(matrix))
+    size[size == 0.0] = 1.0
+    return matrix / np.outer(size, size), size
+
+
 def rms(values: Array) -> Array:
     """Return the root mean square of each column."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

@@ -299,6 +299,21 @@ class Job:
         return by_recording
 
 
+def fitted_recordings(experiment: Experiment) -> list[tuple[int, Recording]]:
+    """Return the recordings with role "fit" and their numbers.
+
+    Raises
+    ------
+    FitError
+        Without one (``test_identify.py``).
+    """
+    every = enumerate(experiment.recordings)
+    fitted = [(number, recording) for number, recording in every if recording.role == "fit"]
+    if not fitted:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    return fitted
+
+
 def shift(delay: Delay | Shift, rate_hz: float) -> Shift:
     """Return the shift of the torque relative to measured motion, in samples at a rate."""
     return delay.measured(rate_hz) if isinstance(delay, Delay) else delay

@@ -15,11 +15,13 @@ from ..._tools.arrays import Array, quotient
 from ..._tools.words import did_you_mean
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import DRIVE, SOFT, UNITS, Unknown, joint_kinds
+from ...experiment.unknown import DRIVE, SOFT, UNITS, Shared, Unknown, joint_kinds
 from ...loop.controller import Controller
+from ...model.consistency import places_of
 from ...model.limbs import Limb
 from ...robot.payload import NOTHING, payload_columns
 from ...robot.transmission import SOFTNESS
+from ..job import fitted_recordings
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
@@ -91,8 +93,8 @@ class Values:
         return replace(self, x=self.x + self.loads[recording], drive=drive)
 
 
-def file_values(experiment: Experiment, start: object = None) -> Values:
-    """Return links, rotors and friction of the robot file and the law of ``[controller]``.
+def file_values(experiment: Experiment, given: Mapping[str, float] | None = None) -> Values:
+    """Return links, rotors and friction of the robot file, with other values `given`, and the law of ``[controller]``.
 
     Raises
     ------
@@ -105,15 +107,13 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
         raise FitError(
             f'{experiment.name}: links = "fixed" needs masses and inertias, and {robot.path.name} has none'
         )
-    x = np.array(robot.sets[name])
-    if isinstance(start, Mapping):
-        for key, value in start.items():
-            if key not in robot.parameter_names:
-                raise FitError(f"start: there is no {key!r}{did_you_mean(key, robot.parameter_names)}")
-            x[robot.parameter_names.index(key)] = value
-    for key, value in experiment.fixed.items():
-        if key in robot.parameter_names:
-            x[robot.parameter_names.index(key)] = value
+    x, places = np.array(robot.sets[name]), places_of(robot)
+    for key in given or ():
+        if key not in places:
+            raise FitError(f"start: there is no {key!r}{did_you_mean(key, places)}")
+    for key, value in {**(given or {}), **experiment.fixed}.items():
+        if key in places:
+            x[places[key]] = value
     controller = experiment.controller
     plain = getattr(getattr(controller, "build", None), "plain", None)
     law = controller if isinstance(controller, Controller) else None if plain is None else plain()
@@ -121,8 +121,9 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
         raise FitError(
             f'{experiment.name}: links = "fixed" needs [controller] kind = "pd", without sample_time_s'
         )
+    kp = law.laws[:, 0] * law.gain
     drive = {
-        "kp": law.laws[:, 0] * law.gain,
+        "kp": kp,
         "kv": law.laws[:, 1] * law.gain,
         "saturation": law.saturation * law.gain,
         **dict.fromkeys(("delay_s", "lag_s", "bias_rad"), np.zeros(robot.n_dof)),
@@ -133,9 +134,9 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
             drive[kind] = np.full(robot.n_dof, unknown.start)
         elif unknown.start is not None:
             for joint in range(robot.n_dof):
-                if (name := f"{kind}{joint + 1}") in robot.parameter_names:
-                    x[robot.parameter_names.index(name)] = unknown.start
-    return Values(x, drive, _loads(experiment), _shares(experiment, law.laws[:, 0] * law.gain))
+                if (name := f"{kind}{joint + 1}") in places:
+                    x[places[name]] = unknown.start
+    return Values(x, drive, _loads(experiment), _shares(experiment, kp))
 
 
 def _loads(experiment: Experiment) -> Array:
@@ -169,8 +170,13 @@ def _shares(experiment: Experiment, kp: Array) -> Array:
     return shares
 
 
-def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps) -> list[Column]:
-    """Return the unknowns: those of each joint first, by joint, then those that joints share."""
+def columns_of(
+    experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Mapping[str, Array]
+) -> list[Column]:
+    """Return the unknowns: those of each joint first, by joint, then those that joints share.
+
+    `steps` are the changes for differences by kind, (n_dof,) each; joints that share an unknown take the smallest.
+    """
     robot, columns = experiment.robot, []
     for joint in range(robot.n_dof):
         for kind in joint_kinds(robot):
@@ -193,7 +199,7 @@ def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, st
                     low,
                     unknown.high,
                     unknown.sigma,
-                    steps.of(kind, (joint,)),
+                    float(steps[kind][joint]),
                 )
             )
     for kind in DRIVE:
@@ -203,22 +209,18 @@ def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, st
 
 
 def _of_drive(
-    experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps, kind: str
+    experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Mapping[str, Array], kind: str
 ) -> list[Column]:
-    unknown, n = experiment.unknown[kind], experiment.robot.n_dof
-    everyone = tuple(range(n))
-    fitted = [k for k, item in enumerate(experiment.recordings) if item.role == "fit"]
-    groups: list[tuple[tuple[int, ...], int | None, str]]
-    if unknown.shared == "joint":
-        groups = [((joint,), None, f"{kind}{joint + 1}") for joint in everyone]
-    elif unknown.shared == "limb":
-        groups = [(limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs]
-    elif unknown.shared == "log":
-        groups = [(everyone, k, f"{kind} {experiment.recordings[k].name}") for k in fitted]
-    else:
-        groups = [(everyone, None, kind)]
+    unknown = experiment.unknown[kind]
+    everyone = tuple(range(experiment.robot.n_dof))
+    groups: dict[Shared, list[tuple[tuple[int, ...], int | None, str]]] = {
+        "joint": [((joint,), None, f"{kind}{joint + 1}") for joint in everyone],
+        "limb": [(limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],
+        "robot": [(everyone, None, kind)],
+        "log": [(everyone, k, f"{kind} {recording.name}") for k, recording in fitted_recordings(experiment)],
+    }
     columns = []
-    for joints, recording, name in groups:
+    for joints, recording, name in groups[unknown.shared]:
         start = float(np.mean(values.drive[kind][list(joints)]))
         if kind == "saturation" and not math.isfinite(start):
             raise FitError(f"[unknown.saturation] needs a start, for [controller] has no saturation ({name})")
@@ -229,44 +231,7 @@ def _of_drive(
         columns.append(
             Column(
                 kind, joints, recording, name, unit, start, unknown.low, unknown.high, unknown.sigma,
-                steps.of(kind, joints),
+                float(np.min(steps[kind][list(joints)])),
             )
         )  # fmt: skip
     return columns
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Changes for differences: each moves the torque by a thousandth of what the servo gives, delays and biases by what is small.
-
-    Attributes
-    ----------
-    torque, speed, inertia : (n_dof,) array
-        Torque ``kp |r - q|`` (rms), speed (rms) and inertia of each joint.
-    kp : (n_dof,) array
-        Gains of the controller.
-    """
-
-    torque: Array
-    speed: Array
-    inertia: Array
-    kp: Array
-
-    def of(self, kind: str, joints: tuple[int, ...]) -> float:
-        """Return the step of a kind at joints."""
-        at = list(joints)
-        share = 1e-3
-        sizes = {
-            "Ia": self.inertia,
-            "Fv": self.torque / self.speed,
-            "kv": self.torque / self.speed,
-            "kp": self.kp,
-            "saturation": 10.0 * self.torque,
-        }
-        if kind in ("delay_s", "lag_s"):
-            return 2e-4
-        if kind == "bias_rad":
-            return 1e-4
-        if kind in SOFT:
-            return share * SOFTNESS[SOFT.index(kind)]
-        return share * float(np.min(sizes.get(kind, self.torque)[at]))

@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._tools.arrays import Array, quotient, rms
+from ..._tools.arrays import Array, quotient, rms, unit_diagonal
 from ..._tools.saved import plain
 from ..._tools.words import series
 from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
+from ...model.consistency import places_of
 from ...result.finding import Finding, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter
@@ -38,7 +39,7 @@ from .intervals import (
     per_step,
     widened,
 )
-from .knowledge import Held, by_sentence, unidentified, weak_pairs
+from .knowledge import by_sentence, unidentified, weak_pairs
 from .laws import (
     LEAST_M,
     search_of_either_friction,
@@ -46,8 +47,8 @@ from .laws import (
     with_explained_stretches,
     without_pushes,
 )
-from .problem import Problem, build, may_be_soft
-from .search import Search, at_bound, begun, normal_of
+from .problem import Problem, may_be_soft
+from .search import Search, at_bound, begun
 from .stops import findings_of
 
 if TYPE_CHECKING:
@@ -83,12 +84,13 @@ def identify_positions(
     if method.dropped is not None:
         experiment = replace(experiment, dropped=tuple(method.dropped))
     _check(method, experiment)
-    problem = build(experiment, noise=method.noise, threads=method.threads, start=method.start)
+    given = method.start if isinstance(method.start, Mapping) else None
+    problem = Problem(experiment, method.noise, method.threads, given)
     if not problem.columns:
         raise FitError(f"{experiment.name}: all parameters are fixed or dropped")
-    now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
+    now = begun(problem)
     before = problem.joint_errors(now.errors)
-    held = unidentified(problem, now, strict=True)
+    now.held = unidentified(now, strict=True)
     options: dict[str, Any] = {
         "most": method.max_iterations or MOST_ITERATIONS,
         "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
@@ -96,21 +98,21 @@ def identify_positions(
     }
     shift = np.zeros(len(now.theta))
     if may_be_soft(experiment):
-        problem, now, held, shift = search_of_either_friction(method, problem, now, held, options)
+        now, shift = search_of_either_friction(now, options)
     else:
-        now, held = searched(problem, now, held, options)
-    rest, now = without_pushes(method, problem, now, options)
-    again = rest is not problem and may_be_soft(experiment) and not rest.inertia
-    problem = rest
+        now = searched(now, options)
+    rest = without_pushes(now, options)
+    again = rest is not now and may_be_soft(experiment) and not rest.problem.soft
+    now = rest
     if again:
         # Pushes had hidden the law of friction.
-        problem, now, held, shift = search_of_either_friction(method, problem, now, held, options)
-    problem, now = with_explained_stretches(method, problem, now, options)
-    over = errors_over_noise(problem, now)
-    inexact = errors_over_noise(problem, now, LEAST_M) > LASTING
-    at = [bool(inexact[list(column.joints)].any()) for column in problem.columns]
-    spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
-    return _result(experiment, End(problem, now, held, spread, before, over, shift))
+        now, shift = search_of_either_friction(now, options)
+    now = with_explained_stretches(now, options)
+    over = errors_over_noise(now)
+    inexact = errors_over_noise(now, LEAST_M) > LASTING
+    at = [bool(inexact[list(column.joints)].any()) for column in now.problem.columns]
+    spread = widened(intervals(now), np.where(at, shift, 0.0))
+    return _result(now, spread, before, model_errors(over, shift))
 
 
 def _check(method: CLOESettings, experiment: Experiment) -> None:
@@ -129,34 +131,16 @@ def _check(method: CLOESettings, experiment: Experiment) -> None:
         raise FitError(f"noise needs one number per joint, {experiment.robot.n_dof}, got {len(method.noise)}")
 
 
-class End(NamedTuple):
-    """End of a search.
-
-    `before` are the errors of the joints at the start, `over` their errors over their noise, and `shift` the change of the
-    parameters with the other law of friction.
-    """
-
-    problem: Problem
-    now: Search
-    held: list[Held]
-    spread: Intervals
-    before: Array
-    over: Array
-    shift: Array
-
-
-def _result(experiment: Experiment, end: End) -> Identification:
-    problem, now, spread, before = end.problem, end.now, end.spread, end.before
-    a, _ = normal_of(problem, now.errors, now.blocks)
-    weak = weak_pairs(problem, a, now.free)
-    rows = _rows(problem, now, end.held, spread)
+def _result(now: Search, spread: Intervals, before: Array, exactness: list[Finding]) -> Identification:
+    """Return the result of a search, with the errors of the joints `before` it and findings on the exactness of those after it."""
+    problem, experiment = now.problem, now.problem.experiment
+    a, _ = now.normal()
+    weak, rows = weak_pairs(now, a), _rows(now, spread)
     after = problem.joint_errors(now.errors)
     siblings = _unlike(problem, rows)
-    use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
-    size = np.sqrt(np.diag(a)[use])
-    condition = float(np.linalg.cond(a[np.ix_(use, use)] / np.outer(size, size))) if use.size else math.inf
-    n_rows = sum(e.size for e in now.errors)
-    norm = math.sqrt(sum(float(e @ e) for e in now.errors))
+    use = now.used(a)
+    condition = float(np.linalg.cond(unit_diagonal(a[np.ix_(use, use)])[0])) if use.size else math.inf
+    norm = math.sqrt(now.squares)
     shares = quotient(after, before, np.nan)
     return Identification(
         name=experiment.name,
@@ -169,31 +153,29 @@ def _result(experiment: Experiment, end: End) -> Identification:
         beta=now.theta,
         covariance=np.nan_to_num(spread.covariance),
         parameter_names=problem.robot.parameter_names,
-        parameters=standard_of(problem, now.theta),
+        parameters=_standard(now),
         relative_error=shares,
         overall_relative_error=float(np.sqrt(np.nansum(after**2) / max(np.nansum(before**2), 1e-300))),
         error_norm=norm,
-        error_std=norm / math.sqrt(max(1, n_rows - len(use))),
+        error_std=norm / math.sqrt(max(1, now.rows - len(use))),
         condition_number=condition,
-        n_rows=n_rows,
-        uncertainty=_uncertainty(spread, after)
-        if spread.blocks and np.nan_to_num(spread.std).any()
-        else None,
+        n_rows=now.rows,
+        uncertainty=_uncertainty(spread, after),
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
         remarks=(*weak, *siblings),
         evidence=(
-            *_evidence(problem, now, end.held, rows, shares),
+            *_evidence(now, rows, shares),
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
-            *model_errors(end.over, end.shift),
-            *changes(problem, spread, now.theta),
+            *exactness,
+            *changes(now, spread.drift),
         ),
         settings={
             **experiment_record(experiment, problem.robot),
             "prediction": {"motion": "simulated", "raw": True},
             KEY: {
-                **_record(end, after),
+                **_record(now, spread, before, after),
                 "rows": rows,
                 "weak": weak,
                 "siblings": siblings,
@@ -203,27 +185,29 @@ def _result(experiment: Experiment, end: End) -> Identification:
     )
 
 
-def _record(end: End, after: Array) -> dict[str, Any]:
-    """Return drives, errors and settings of a fit for the record of its result; `after` are the errors at its end."""
-    problem, theta = end.problem, end.now.theta
-    held_out = problem.joint_errors(problem.errors(theta, "held-out"), "held-out")
+def _record(now: Search, spread: Intervals, before: Array, after: Array) -> dict[str, Any]:
+    """Return drives, errors and settings of a fit for the record of its result, with the errors of the joints at its two ends."""
+    problem = now.problem
+    outside = problem.joint_errors(problem.errors(now.theta, problem.held_out), problem.held_out)
     return {
-        "drive": _drive(problem, theta),
+        "drive": _drive(now),
         "errors": {
-            "before": plain(end.before),
+            "before": plain(before),
             "after": plain(after),
-            "held_out": None if np.isnan(held_out).all() else plain(held_out),
+            "held_out": None if np.isnan(outside).all() else plain(outside),
         },
         "limbs": _limbs(problem),
         "smoothing": list(problem.robot.friction.smoothing),
-        "soft": bool(problem.inertia),
-        "pushed": [[s.joint, s.recording, s.begin, s.end] for s in problem.stops if s.pushed],
-        "blocks": end.spread.blocks,
-        "kind": end.spread.kind,
+        "soft": problem.soft,
+        "pushed": [[stop.joint, stop.recording, stop.begin, stop.end] for stop in problem.pushed],
+        "blocks": spread.blocks,
+        "kind": spread.kind,
     }
 
 
-def _uncertainty(spread: Intervals, after: Array) -> Uncertainty:
+def _uncertainty(spread: Intervals, after: Array) -> Uncertainty | None:
+    if not spread.blocks or not np.nan_to_num(spread.std).any():
+        return None
     return Uncertainty(
         kind="jackknife",
         degrees_of_freedom=float(spread.blocks - 1),
@@ -232,18 +216,18 @@ def _uncertainty(spread: Intervals, after: Array) -> Uncertainty:
     )
 
 
-def standard_of(problem: Problem, theta: Array) -> Array:
-    """Return the standard parameters of the whole robot at a point, (n_parameters,)."""
-    x, names = problem.values.x.copy(), problem.robot.parameter_names
-    for column, value in zip(problem.columns, theta, strict=True):
+def _standard(now: Search) -> Array:
+    """Return the standard parameters of the whole robot, (n_parameters,)."""
+    x, places = now.problem.values.x.copy(), places_of(now.problem.robot)
+    for column, value in zip(now.problem.columns, now.theta, strict=True):
         if not column.of_drive:
-            x[names.index(column.name)] = value
+            x[places[column.name]] = value
     return x
 
 
-def _drive(problem: Problem, theta: Array) -> dict[str, list[float | None]]:
-    drive = {kind: value.copy() for kind, value in problem.values.drive.items()}
-    for column, value in zip(problem.columns, theta, strict=True):
+def _drive(now: Search) -> dict[str, list[float | None]]:
+    drive = {kind: value.copy() for kind, value in now.problem.values.drive.items()}
+    for column, value in zip(now.problem.columns, now.theta, strict=True):
         if column.of_drive:
             drive[column.kind][list(column.joints)] = value
     return {kind: plain(value) for kind, value in drive.items()}
@@ -263,22 +247,14 @@ def _limbs(problem: Problem) -> list[dict[str, Any]]:
     return limbs
 
 
-def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals) -> list[dict[str, Any]]:
-    bound, steps = at_bound(problem, now), per_step(problem, now)
-    texts = {each.column: each.known for each in held}
+def _rows(now: Search, spread: Intervals) -> list[dict[str, Any]]:
+    bound, steps = at_bound(now), per_step(now)
     rows = []
-    for k, column in enumerate(problem.columns):
+    for k, column in enumerate(now.problem.columns):
         value, half = float(now.theta[k]), float(spread.half[k])
-        by = (
-            "held"
-            if not now.free[k]
-            else "bound"
-            if bound[k]
-            else "prior"
-            if math.isfinite(column.sigma)
-            else "log"
-        )
-        known = now.free[k] and math.isfinite(half)
+        by = "prior" if math.isfinite(column.sigma) else "log"
+        by = "held" if k in now.held else "bound" if bound[k] else by
+        known = k not in now.held and math.isfinite(half)
         rows.append(
             {
                 "name": column.name,
@@ -292,7 +268,7 @@ def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals
                 "high": min(value + half, column.high) if known else None,
                 "before": column.start,
                 "by": by,
-                "text": texts.get(k, ""),
+                "text": now.held.get(k, ""),
                 "per_step": float(steps[k]),
             }
         )
@@ -357,13 +333,10 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
     ]
 
 
-def _evidence(
-    problem: Problem, now: Search, held: Sequence[Held], rows: Sequence[dict[str, Any]], shares: Array
-) -> tuple[Finding, ...]:
+def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> list[Finding]:
     """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
-    findings = []
-    for sentence, held_columns in by_sentence(problem, held).items():
-        columns = [problem.columns[each.column] for each in held_columns]
+    problem, findings = now.problem, []
+    for sentence, columns in by_sentence(problem, now.held).items():
         late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
             worded(
@@ -404,4 +377,4 @@ def _evidence(
         sentence = f"the estimate leaves larger errors than the values of the file at {names}"
         joints = tuple(k + 1 for k in poor)
         findings.append(worded(kind="no-better", sentence=sentence, advice="", joints=joints))
-    return tuple(findings)
+    return findings

@@ -9,19 +9,18 @@ without bound where a combination of the others moves the robot alike. Tested in
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, unit_diagonal
 from ..._tools.words import brief, series
 from ...experiment.unknown import SOFT
 from ...robot.robot import Robot
 from .columns import Column
 from .problem import Problem
-from .search import Search, normal_of
+from .search import Search
 
 NULL_SHARE, NULL_M = 0.02, 1e-6
 """An unknown whose whole range moves the joints (rms) by less than this share of the errors, or by this (rad, m), has no effect."""
@@ -51,66 +50,58 @@ SMALLEST = 1e-13
 """Smallest eigenvalue of the scaled matrix that is inverted; below it is rounding."""
 
 
-@dataclass(frozen=True)
-class Held:
-    """An unknown that the log does not identify, fixed at a value.
-
-    Attributes
-    ----------
-    column : int
-        Column of the unknown.
-    why : {"null", "widened"}
-        No effect, or exchangeable with others.
-    known : str
-        Sentence on what is known in its place, without its joint.
-    """
-
-    column: int
-    why: str
-    known: str
+WITHOUT_EFFECT = {
+    "bias_rad": "a bias has no effect where gravity does not turn with the joint, for the loop reads that encoder",
+    "saturation": "the limit of the torque is never reached",
+}
+"""Sentence on an unknown that moves nothing, by its kind; others have no effect on the motion."""
+EXCHANGEABLE = {
+    "kp": "only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor",
+    "kv": "only Fv + kv is known, for without saturation they are one parameter",
+    "delay_s": "slow commands show only {kind} + (Fv + kv)/kp",
+    "lag_s": "slow commands show only {kind} + (Fv + kv)/kp",
+    "bias_rad": "a bias moves the robot as {others} does",
+}
+"""Sentence on an unknown that is exchangeable with others, by its kind; others move the robot as these do."""
 
 
 def widening(a: Array, use: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return `f` of the columns `use`, and the inverse of their scaled matrix."""
-    size = np.sqrt(np.diag(a)[use])
-    scaled = a[np.ix_(use, use)] / np.outer(size, size)
-    values, vectors = np.linalg.eigh(scaled)
-    inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
-    return np.sqrt(np.diag(inverse)), inverse
+    """Return `f` of the columns `use`, and the correlations of their estimates."""
+    values, vectors = np.linalg.eigh(unit_diagonal(a[np.ix_(use, use)])[0])
+    correlation, f = unit_diagonal((vectors / np.maximum(values, SMALLEST)) @ vectors.T)
+    return f, correlation
 
 
-def unidentified(
-    problem: Problem, now: Search, *, strict: bool = False, error: float | None = None
-) -> list[Held]:
-    """Return unknowns that the log does not identify, worst first.
+def unidentified(now: Search, *, strict: bool = False, error: float | None = None) -> dict[int, str]:
+    """Return unknowns that the log does not identify, and what is known in their place (`Search.held`).
 
     Parameters
     ----------
-    problem, now : Problem, Search
+    now : Search
         Errors and derivatives at an estimate.
     strict : bool
         Return only those beyond doubt: before a search the derivatives are those of other parameters.
     error : float, optional
         Error (rad or m, rms) that an effect is compared with; that of the search by default.
     """
-    a, _ = normal_of(problem, now.errors, now.blocks)
-    prior = np.array([math.isfinite(column.sigma) for column in problem.columns])
-    rows = max(1, sum(e.size for e in now.errors))
+    problem, rows = now.problem, now.rows
+    a, _ = now.normal()
     if error is None:
-        error = math.sqrt(sum(float(e @ e) for e in now.errors) / rows)
-    free = now.free & ~prior
-    held = []
+        error = math.sqrt(now.squares / rows)
+    free = now.free & ~np.isfinite([column.sigma for column in problem.columns])
+    held = {}
     for k in np.flatnonzero(free).tolist():
         column = problem.columns[k]
-        moved = math.sqrt(a[k, k] / rows) * _range(column)
-        if moved < max(0.0 if strict else NULL_SHARE * error, NULL_M):
-            held.append(Held(k, "null", _without_effect(column)))
+        if math.sqrt(a[k, k] / rows) * _range(column) < max(0.0 if strict else NULL_SHARE * error, NULL_M):
+            held[k] = _held(
+                column, WITHOUT_EFFECT.get(column.kind, "{kind} has no effect on the motion of this log")
+            )
             free[k] = False
     while True:
         use = np.flatnonzero(free & (np.diag(a) > 0.0))
         if not use.size:
             return held
-        f, inverse = widening(a, use)
+        f, correlation = widening(a, use)
         excess = np.array(
             [
                 _excess(problem, problem.columns[k], f[p], a[k, k], rows, error, strict)
@@ -125,10 +116,21 @@ def unidentified(
         if excess[worst] <= 1.0:
             return held
         k = int(use[worst])
-        partners = partners_of(inverse, worst, use)
-        known = _exchangeable(problem.columns[k], [problem.columns[p] for p in partners])
-        held.append(Held(k, "widened", known))
+        partners = [problem.columns[use[p]].kind for p in partners_of(correlation, worst)]
+        others = brief(" and ".join(dict.fromkeys(partners)), 40) or "the others"
+        column = problem.columns[k]
+        held[k] = _held(
+            column, EXCHANGEABLE.get(column.kind, "{kind} moves the robot as {others} do"), others
+        )
+        if column.kind == "bias_rad":
+            held[k] += ", and Off has what there is"
         free[k] = False
+
+
+def _held(column: Column, known: str, others: str = "") -> str:
+    """Return what is known in the place of an unknown, and the value that it is held at."""
+    known = known.format(kind=column.kind, others=others)
+    return f"{known}; {column.kind} is held at {column.start:g} {column.unit}"
 
 
 def _excess(
@@ -137,8 +139,11 @@ def _excess(
     """Return how far an unknown is beyond the limits of identifiable ones: above 1 it is held."""
     if strict or not column.of_drive or f < ALONE.get(column.kind, USUALLY_ALONE):
         return float(f / SINGULAR)
-    (rate, *_) = (rollout.rate_hz for rollout in problem.rollouts)
-    change = 1.0 / rate if column.kind in ("delay_s", "lag_s") else SHARE[column.kind] * abs(column.start)
+    change = (
+        1.0 / problem.rollouts[0].rate_hz
+        if column.kind in ("delay_s", "lag_s")
+        else SHARE[column.kind] * abs(column.start)
+    )
     limbs = {k for k, limb in enumerate(problem.limbs) if {*column.joints} & {*limb.joints}}
     own = rows * len(limbs) / len(problem.limbs)
     unique = change * math.sqrt(square / own) / f
@@ -150,47 +155,37 @@ def _range(column: Column) -> float:
     return span if math.isfinite(span) else max(abs(column.start), 1e3 * column.step)
 
 
-def partners_of(inverse: Array, index: int, use: NDArray[np.intp]) -> tuple[int, ...]:
-    """Return the columns with the largest correlation with one, at most three, largest first."""
-    size = np.sqrt(np.diag(inverse))
-    correlation = np.abs(inverse[index] / (size * size[index]))
-    correlation[index] = 0.0
-    order = np.argsort(-correlation)[:3]
-    return tuple(int(use[k]) for k in order if correlation[k] > 0.5)
+def partners_of(correlation: Array, index: int) -> list[int]:
+    """Return the unknowns with the largest correlation with one, at most three, largest first."""
+    sizes = np.abs(correlation[index])
+    sizes[index] = 0.0
+    return [k for k in np.argsort(-sizes)[:3].tolist() if sizes[k] > 0.5]
 
 
-def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]:
-    """Return sentences on unknowns that are identified well only in combination with another."""
-    use = np.flatnonzero(free & (np.diag(a) > 0.0))
+def weak_pairs(now: Search, a: Array) -> list[str]:
+    """Return sentences on unknowns that are identified well only in combination with another, by the normal matrix."""
+    use, problem = now.used(a), now.problem
     if use.size < 2:
         return []
-    f, inverse = widening(a, use)
-    size = np.sqrt(np.diag(inverse))
-    correlation = inverse / np.outer(size, size)
-    pairs: list[str] = []
-    seen: set[frozenset[int]] = set()
-    for index in np.argsort(-f):
+    f, correlation = widening(a, use)
+    widths = f / np.sqrt(np.diag(a)[use])
+    pairs: dict[frozenset[int], str] = {}
+    for index in np.argsort(-f).tolist():
         if f[index] < WEAK or len(pairs) == MOST_WEAK:
             break
         row = correlation[index].copy()
         row[index] = 0.0
         other = int(np.argmax(np.abs(row)))
-        pair = frozenset((int(index), other))
-        if abs(row[other]) < 0.9 or pair in seen:
+        pair = frozenset((index, other))
+        if abs(row[other]) < 0.9 or pair in pairs:
             continue
-        seen.add(pair)
         one, two = problem.columns[use[index]], problem.columns[use[other]]
-        ratio = (
-            -row[other]
-            * math.sqrt(inverse[index, index] / a[use[index], use[index]])
-            / math.sqrt(inverse[other, other] / a[use[other], use[other]])
+        ratio = -row[other] * widths[index] / widths[other]
+        pairs[pair] = (
+            f"{where_of(problem.robot, one)}: {one.name} {'+' if ratio > 0 else '-'} {abs(ratio):.2g} {two.name} is known better "
+            f"(correlation {row[other]:.2f}); {_advice(one, two)}"
         )
-        sign = "+" if ratio > 0 else "-"
-        pairs.append(
-            f"{where_of(problem.robot, one)}: {one.name} {sign} {abs(ratio):.2g} {two.name} is known better (correlation "
-            f"{row[other]:.2f}); {_advice(one, two)}"
-        )
-    return pairs
+    return list(pairs.values())
 
 
 def _advice(one: Column, two: Column) -> str:
@@ -210,37 +205,14 @@ def where_of(robot: Robot, column: Column) -> str:
     return "all joints" if len(column.joints) == robot.n_dof else column.name
 
 
-def _without_effect(column: Column) -> str:
-    held = f"{column.kind} is held at {column.start:g} {column.unit}"
-    if column.kind == "bias_rad":
-        return f"a bias has no effect where gravity does not turn with the joint, for the loop reads that encoder; {held}"
-    if column.kind == "saturation":
-        return f"the limit of the torque is never reached; {held}"
-    return f"{column.kind} has no effect on the motion of this log; {held}"
-
-
-def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
-    kinds = brief(" and ".join(dict.fromkeys(partner.kind for partner in partners)), 40) or "the others"
-    held = f"{column.kind} is held at {column.start:g} {column.unit}"
-    if column.kind == "kp":
-        return f"only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor; {held}"
-    if column.kind == "kv":
-        return f"only Fv + kv is known, for without saturation they are one parameter; {held}"
-    if column.kind in ("delay_s", "lag_s"):
-        return f"slow commands show only {column.kind} + (Fv + kv)/kp; {held}"
-    if column.kind == "bias_rad":
-        return f"a bias moves the robot as {kinds} does; {held}, and Off has what there is"
-    return f"{column.kind} moves the robot as {kinds} do; {held}"
-
-
-def by_sentence(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
-    """Return the fixed unknowns by sentence, with joints of equal sentences together."""
-    groups: dict[str, list[Held]] = {}
-    for each in sorted(held, key=lambda each: each.column):
-        groups.setdefault(each.known, []).append(each)
+def by_sentence(problem: Problem, held: Mapping[int, str]) -> dict[str, list[Column]]:
+    """Return unknowns that are held by sentence, with joints of equal sentences together."""
+    groups: dict[str, list[Column]] = {}
+    for k, known in sorted(held.items()):
+        groups.setdefault(known, []).append(problem.columns[k])
     columns_by_sentence = {}
-    for known, columns_alike in groups.items():
-        places = [where_of(problem.robot, problem.columns[each.column]) for each in columns_alike]
+    for known, columns in groups.items():
+        places = [where_of(problem.robot, column) for column in columns]
         title = series(places, 60) if len(places) <= MOST_PLACES else f"{places[0]} to {places[-1]}"
-        columns_by_sentence[f"{title}: {known}"] = columns_alike
+        columns_by_sentence[f"{title}: {known}"] = columns
     return columns_by_sentence

@@ -23,8 +23,8 @@ from ...log.recording import Recording
 from ...model.dynamics import inertia_matrix
 from .columns import Values, file_values
 from .knowledge import by_sentence, unidentified, widening
-from .problem import Problem, build
-from .search import begun, normal_of
+from .problem import Problem
+from .search import begun
 
 SWING = {"revolute": 0.3, "prismatic": 0.05}
 """Largest distance (rad, m) from the middle, if the joint's limits allow it: errors of links and gears stay small."""
@@ -218,20 +218,20 @@ def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
     measured = q
     for _ in range(2):
         recording = Recording.from_arrays(measured, rate_hz=rate, q_ref=q, name="motion")
-        problem = build(replace(experiment, recordings=(recording,)))
+        problem = Problem(replace(experiment, recordings=(recording,)))
         measured = measured.copy()
         for rollout in problem.rollouts:
             positions, _ = problem.positions(rollout, problem.start[None])
-            measured[:, list(problem.limbs[rollout.limb].joints)] = positions[0]
+            measured[:, rollout.joints] = positions[0]
     return problem
 
 
 def _width(problem: Problem) -> tuple[float, tuple[str, ...]]:
     """Return the mean logarithm of widths of unknowns for equal errors, and sentences on unidentified ones."""
-    now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    sentences = tuple(by_sentence(problem, unidentified(problem, now, error=MODEL_ERROR)))
-    a, _ = normal_of(problem, now.errors, now.blocks)
+    now = begun(problem)
+    sentences = tuple(by_sentence(problem, unidentified(now, error=MODEL_ERROR)))
+    a, _ = now.normal()
     steps = np.array([column.step for column in problem.columns])
-    use = np.flatnonzero(np.diag(a) > 0.0)
+    use = now.used(a)
     f, _ = widening(a, use)
     return float(np.mean(np.log(f / np.sqrt(np.diag(a)[use]) / steps[use]))), sentences

@@ -13,9 +13,10 @@ from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...result.finding import Finding, worded
 from ...signal.noise import encoder_noise
+from ..job import fitted_recordings
 from .knowledge import by_sentence, unidentified, where_of, widening
-from .problem import Problem, build
-from .search import Search, begun, normal_of
+from .problem import Problem
+from .search import Search, begun
 from .stops import findings_of
 
 MODEL_ERROR, LASTS_S = 1e-3, 0.2
@@ -32,18 +33,17 @@ def prospect(experiment: Experiment) -> tuple[list[Finding], list[str]]:
     DidimError
         One of its kinds, for an experiment that cannot be fitted.
     """
-    problem = build(experiment)
-    now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
+    problem = Problem(experiment)
+    now = begun(problem)
     advice = "Log the joint moving freely, or go on without these stretches"
     findings = [_lack(each.sentence, advice, each.joints) for each in findings_of(experiment, problem.stops)]
     remarks = []
-    held = unidentified(problem, now, error=MODEL_ERROR)
-    now.free[[each.column for each in held]] = False
-    for sentence, held_columns in by_sentence(problem, held).items():
-        joints = {joint + 1 for each in held_columns for joint in problem.columns[each.column].joints}
+    now.held = unidentified(now, error=MODEL_ERROR)
+    for sentence, columns in by_sentence(problem, now.held).items():
+        joints = {joint + 1 for column in columns for joint in column.joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
         findings.append(_lack(sentence, advice, tuple(sorted(joints))))
-    share = _shares(experiment, problem, now)
+    share = _shares(now)
     for kind in dict.fromkeys(column.kind for column in problem.columns):
         at = [k for k, c in enumerate(problem.columns) if c.kind == kind and np.isfinite(share[k])]
         if at and kind not in ("Off", "bias_rad", "delay_s", "lag_s"):  # they have no size of their own
@@ -64,12 +64,12 @@ def _lack(sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:
     return worded(kind="excitation", sentence=sentence, advice=advice, joints=joints)
 
 
-def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:
+def _shares(now: Search) -> Array:
     """Return half intervals over values, (n_columns,); NaN of unknowns that would be held."""
-    a, _ = normal_of(problem, now.errors, now.blocks)
-    use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
+    problem, (a, _) = now.problem, now.normal()
+    use = now.used(a)
     f, _ = widening(a, use)
-    (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
+    _, recording = fitted_recordings(problem.experiment)[0]
     noise = encoder_noise(recording.q)
     lasting = MODEL_ERROR**2 * max(1.0, LASTS_S * recording.rate_hz)
     error = np.sqrt([np.mean(noise[list(problem.columns[k].joints)] ** 2) + lasting for k in use])

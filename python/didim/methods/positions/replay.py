@@ -16,7 +16,7 @@ from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ..builder import digests
 from .laws import with_softness
-from .problem import build
+from .problem import Problem
 from .stops import Stop
 
 
@@ -97,7 +97,7 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     pushed = pushed_of(fit, experiment)
     values = dict(zip(fit.names, fit.beta, strict=True))
     unknown = with_softness(experiment) if SOFT[1] in values else experiment
-    problem = build(unknown, soft=soft, pushed=pushed)
+    problem = Problem(unknown, soft=soft, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
         raise FitError(
@@ -105,7 +105,8 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
         )
     theta = np.array([values[column.name] for column in problem.columns])
     replays: dict[tuple[int, int], Replay] = {}
-    for rollout in problem.rollouts:
+    rollouts = [*problem.rollouts, *problem.held_out]
+    for rollout in sorted(rollouts, key=lambda rollout: (rollout.recording, rollout.window)):
         recording = experiment.recordings[rollout.recording]
         first, last = recording.windows[rollout.window]
         key = rollout.recording, rollout.window
@@ -116,8 +117,7 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
             empty = np.full(both[0].shape, np.nan), np.zeros(both[0].shape, dtype=bool)
             replays[key] = Replay(recording.name, recording.role, t, *both, *empty)
         simulated, _ = problem.positions(rollout, theta[None])
-        begin = rollout.begin - first
-        for index, joint in enumerate(problem.limbs[rollout.limb].joints):
-            replays[key].simulated[begin : begin + len(rollout.q), joint] = simulated[0, :, index]
-            replays[key].compared[begin + rollout.first : begin + len(rollout.q), joint] = True
+        begin, end = rollout.begin - first, rollout.begin - first + len(rollout.q)
+        replays[key].simulated[begin:end, rollout.joints] = simulated[0]
+        replays[key].compared[begin + rollout.first : end, rollout.joints] = True
     return list(replays.values())

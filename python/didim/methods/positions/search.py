@@ -38,6 +38,8 @@ class Search:
 
     Attributes
     ----------
+    problem : Problem
+        The unknowns, and the errors that they leave.
     theta : (n_columns,) array
         The unknowns.
     errors, blocks : list of array
@@ -46,56 +48,69 @@ class Search:
         Sum of squares of the errors and of the priors.
     initial : float
         The same at the start.
+    held : dict of int to str
+        Columns that are not estimated because the log does not identify them, and a sentence on what is known in their place,
+        without their joint.
     status : Status
         How the search ended.
     history : list of Iteration
         One per accepted step.
-    free : (n_columns,) array of bool
-        Columns that are estimated; the others are held.
     """
 
+    problem: Problem
     theta: Array
     errors: list[Array]
     blocks: list[Array]
     cost: float
     initial: float
-    free: NDArray[np.bool_]
+    held: dict[int, str] = field(default_factory=dict)
     status: Status = Status.NOT_CONVERGED
     history: list[Iteration] = field(default_factory=list)
 
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which columns are estimated, (n_columns,)."""
+        return np.array([k not in self.held for k in range(len(self.theta))])
 
-def normal_of(problem: Problem, errors: Sequence[Array], blocks: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the normal matrix and the gradient ``J^T e`` of all rollouts, with the priors."""
-    count = len(problem.columns)
-    a, b = np.zeros((count, count)), np.zeros(count)
-    for rollout, e, g in zip(problem.rollouts, errors, blocks, strict=True):
-        own = problem.own(rollout)
-        a[np.ix_(own, own)] += g.T @ g
-        b[own] += g.T @ e
-    return a, b
+    @property
+    def rows(self) -> int:
+        """Number of the errors of all rollouts, at least 1."""
+        return max(1, sum(e.size for e in self.errors))
 
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the errors alone."""
+        return sum(float(e @ e) for e in self.errors)
 
-def _prior(problem: Problem, theta: Array, scale: float) -> tuple[Array, Array]:
-    """Return the weights of the priors in units of squared errors of variance `scale`, and the distances to their centres."""
-    weight = np.array([scale / column.sigma**2 for column in problem.columns])
-    return weight, theta - problem.start
+    def normal(self, errors: Sequence[Array] | None = None) -> tuple[Array, Array]:
+        """Return the normal matrix ``J^T J``, and the gradient ``J^T e`` of its own or other errors, of all rollouts."""
+        count = len(self.theta)
+        a, b = np.zeros((count, count)), np.zeros(count)
+        own_errors = self.errors if errors is None else errors
+        for rollout, e, g in zip(self.problem.rollouts, own_errors, self.blocks, strict=True):
+            own = self.problem.own(rollout)
+            a[np.ix_(own, own)] += g.T @ g
+            b[own] += g.T @ e
+        return a, b
+
+    def used(self, a: Array) -> NDArray[np.intp]:
+        """Return the estimated columns that move the robot, by a normal matrix."""
+        return np.flatnonzero(self.free & (np.diag(a) > 0.0))
 
 
 def begun(
-    problem: Problem,
-    theta: Array,
-    free: NDArray[np.bool_],
-    before: Search | None = None,
-    *,
-    screening: bool = False,
+    problem: Problem, theta: Array | None = None, before: Search | None = None, *, screening: bool = False
 ) -> Search:
-    """Return a search that stands at a point, after an earlier one or none; `screening` keeps the derivatives of that one.
+    """Return a search that stands at a point, by default the start, and goes on from an earlier one.
+
+    `screening` keeps the derivatives of that one.
 
     Raises
     ------
     FitError
         Where the robot cannot be simulated there.
     """
+    theta = problem.start if theta is None else theta
     if before is None or not screening:
         errors, blocks = problem.derivatives(theta)
     else:
@@ -105,37 +120,31 @@ def begun(
         raise FitError(
             "the robot cannot be simulated with the parameters to start from: give other starts, or a smaller step_s"
         )
-    cost = _cost(problem, errors, theta, max(1, sum(e.size for e in errors)))
-    now = Search(theta, errors, blocks, cost, cost if before is None else before.initial, free)
-    now.history = [] if before is None else before.history
+    now = Search(problem, theta, errors, blocks, 0.0, 0.0)
+    now.cost = now.initial = _cost(now, errors, theta)
+    if before is not None:
+        now.initial, now.history, now.held = before.initial, before.history, dict(before.held)
     return now
 
 
-def search(
-    problem: Problem,
-    now: Search,
-    *,
-    most: int,
-    tolerance: float,
-    reporter: Reporter,
-) -> Search:
+def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> Search:
     """Search from where one stands until the cost falls by less than `tolerance`."""
+    problem, rows = now.problem, now.rows
     low, high = problem.bounds
-    rows = max(1, sum(e.size for e in now.errors))
     damping, done = FIRST_DAMPING, len(now.history)
     while len(now.history) < most:
-        a, b = normal_of(problem, now.errors, now.blocks)
+        a, b = now.normal()
         accepted, last, fall, size = False, False, 0.0, 0.0
         for raised in range(MOST_RAISES):
-            step = bounded_step(problem, now, a, b, damping, rows)
+            step = bounded_step(now, a, b, damping)
             trial = np.clip(now.theta + step, low, high)
             # The step that promises less than the tolerance is the last one, and the derivatives before it are good enough.
-            last = -float(2.0 * b @ step + step @ a @ step) <= tolerance * now.cost
+            last = -promised(a, b, step) <= tolerance * now.cost
             # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
             tried, derivatives = (
                 (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
             )
-            cost = _cost(problem, tried, trial, rows)
+            cost = _cost(now, tried, trial)
             if cost < now.cost:  # not so where a run has ended early, for NaN is not smaller
                 accepted = True
                 break
@@ -175,17 +184,28 @@ def search(
     return now
 
 
-def _cost(problem: Problem, errors: Sequence[Array], theta: Array, rows: int) -> float:
+def _prior(now: Search, theta: Array, scale: float) -> tuple[Array, Array]:
+    """Return the weights of the priors in units of squared errors of variance `scale`, and the distances to their centres."""
+    weight = np.array([scale / column.sigma**2 for column in now.problem.columns])
+    return weight, theta - now.problem.start
+
+
+def _cost(now: Search, errors: Sequence[Array], theta: Array) -> float:
     squares = float(sum(e @ e for e in errors))
-    weight, off = _prior(problem, theta, squares / rows)
+    weight, off = _prior(now, theta, squares / now.rows)
     return squares + float(weight @ off**2) if weight.any() else squares
 
 
-def bounded_step(problem: Problem, now: Search, a: Array, b: Array, damping: float, rows: int) -> Array:
+def promised(a: Array, b: Array, step: Array) -> float:
+    """Return the change of the squared errors by a step, with ``a = J^T J`` and ``b = J^T e``."""
+    return float(2.0 * b @ step + step @ a @ step)
+
+
+def bounded_step(now: Search, a: Array, b: Array, damping: float = 0.0) -> Array:
     """Return the step that solves the damped problem ``min |e + J s|^2`` between the bounds, with ``a = J^T J``, ``b = J^T e``."""
-    weight, off = _prior(problem, now.theta, now.cost / rows)
-    low, high = problem.bounds
-    at = np.flatnonzero(now.free & (np.diag(a) > 0.0))
+    weight, off = _prior(now, now.theta, now.cost / now.rows)
+    low, high = now.problem.bounds
+    at = now.used(a)
     step = np.zeros(len(now.theta))
     if not at.size:
         return step
@@ -219,8 +239,8 @@ def _between(matrix: Array, gradient: Array, low: Array, high: Array) -> Array:
     return np.asarray(lsq_linear(root.T, np.linalg.solve(root, -gradient), (low, high)).x)
 
 
-def at_bound(problem: Problem, now: Search) -> NDArray[np.bool_]:
+def at_bound(now: Search) -> NDArray[np.bool_]:
     """Return which unknowns ended at a bound."""
-    low, high = problem.bounds
-    span = np.array([column.step for column in problem.columns])
-    return np.asarray((now.theta <= low + 1e-3 * span) | (now.theta >= high - 1e-3 * span))
+    low, high = now.problem.bounds
+    span = 1e-3 * np.array([column.step for column in now.problem.columns])
+    return np.asarray((now.theta <= low + span) | (now.theta >= high - span))
