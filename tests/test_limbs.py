@@ -28,9 +28,11 @@ from didim.methods.cloe.jacobian import Jacobian
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.didim.by_limb import ByLimb, iterations_of
 from didim.methods.didim.iterations import Iterations
+from didim.methods.didim.problem import Problem
 from didim.methods.didim.response import Response
-from didim.methods.didim.slack import Loop, SolvedIterate
-from didim.methods.didim.windows import Simulated, simulated_all, windows_of
+from didim.methods.didim.simulator import LogSimulator
+from didim.methods.didim.slack import simulated_rows, torques_after
+from didim.methods.didim.windows import Iterate, Simulated
 from didim.model.limbs import Directions, Limb, limbs_of, renamed
 from didim.result.iteration import Iteration, Reporter
 from didim.result.status import Status
@@ -217,22 +219,21 @@ def test_the_response_of_all_limbs_at_once(
     log, x = walker
     method = didim.DIDIM(physical=False)
     job = method.job(log, log.simulation.robot(log.robot))
-    windows = windows_of(job, job.delay())
-    loop = Loop(job, windows, job.parameters, job.solve)
+    problem = Problem(LogSimulator(method, job, Reporter()))
     counts: list[int] = []
 
-    def rows(changes: Sequence[Array]) -> list[Array]:
+    def rows(changes: Sequence[Array]) -> list[Array] | None:
         counts.append(len(changes))
-        runs = simulated_all(windows, [loop.changed_by(x, change) for change in changes])
-        return [loop.torques(run) for run in runs if isinstance(run, Simulated)]
+        return torques_after(problem, x, changes)
 
-    (run,) = simulated_all(windows, [x])
+    run = problem.simulator.simulate(x)
     assert isinstance(run, Simulated)
-    place = SolvedIterate.along(loop, x, run)
+    along = Iterate(x, run, 0)
+    place, origin = problem.solve(along, problem.observe(along)), simulated_rows(problem, run)
     found = []
     for of in (Directions.of, singly):
         monkeypatch.setattr(Directions, "of", of)
-        response = Response.at(place.system, place.fit, rows, loop.torques(run), job.robot)
+        response = Response.at(place.system, place.fit, rows, origin, job.robot)
         assert response is not None
         found.append(response.slopes)
     count = len(place.system.names)

@@ -24,7 +24,7 @@ from didim.excitation.search.descent import Descent
 from didim.loop.outcome import Outcome
 from didim.loop.reference import Reference
 from didim.methods.cloe.levenberg_marquardt import SafeSteps, weigh_by_noise
-from didim.methods.didim.slack import Attempts, FixedPointRun
+from didim.methods.didim.slack import FixedPointRun
 from didim.regression.delay import estimate_delay
 from didim.signal.processing import SignalProcessing
 from plain import stub
@@ -51,37 +51,30 @@ class Runs:
         self.steps = 0
         left = list(distances)
         place = stub(system=None, fit=None)
-        patch.setattr(slack, "SolvedIterate", stub(along=lambda *given: place))
+        patch.setattr(slack, "_solved", lambda *given: place)
+        patch.setattr(slack, "simulated_rows", lambda *given: np.zeros(1))
+        patch.setattr(slack, "projection", lambda *given: None)
         patch.setattr(slack, "share_moved", lambda *given: share)
         response = stub(rate=0.6, wider=lambda *given: 1.0)
         patch.setattr(slack, "Response", stub(at=lambda *given: response))
         patch.setattr(slack, "_distance", lambda *given: left.pop(0))
-        patch.setattr(slack, "_with_errors", lambda loop, place, response: place)
+        patch.setattr(slack, "_with_errors", lambda problem, place, response: place)
         patch.setattr(slack, "_entry", lambda *given: "entry")
         patch.setattr(slack, "_newton", self._newton)
         self._place = place
 
     def _newton(self, *given: object) -> Any:
         self.steps += 1
-        return self._place, 1.0, 1
+        return self._place, 1.0
 
-    def settled(self, slow: Any = None, most: int = 50) -> FixedPointRun | None:
-        loop = stub(
-            torques=lambda run: np.zeros(1),
-            projection=lambda iterate: None,
-            windows=[0],
-            job=stub(settings=None, robot=None),
+    def settled(self, slow: Any = None) -> FixedPointRun | None:
+        problem = stub(
+            robot=None,
+            job=stub(settings=None),
+            method=stub(max_iterations=50),
+            reporter=stub(progress=lambda entry: False),
         )
-        found, _ = slack.run_to_fixed_point(
-            cast(Any, loop),
-            np.zeros(1),
-            cast(Any, None),
-            slow,
-            [cast(Any, None)] * 3,
-            most,
-            lambda entry: False,
-        )
-        return found
+        return slack.run_to_fixed_point(problem, stub(simulated=None), slow, [cast(Any, None)] * 3)
 
 
 @pytest.mark.parametrize(
@@ -109,17 +102,15 @@ def test_newtons_steps_end_near_the_fixed_point(
 
 
 def test_a_step_is_tried_with_three_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slack, "_fixed_point", lambda *given: None)
+    monkeypatch.setattr(slack, "_fixed_point", lambda *given: stub(target=np.ones(1)))
     tried: list[float] = []
 
-    def simulated(windows: object, candidates: Sequence[Array]) -> list[object]:
+    def simulate_all(candidates: Sequence[Array]) -> list[object]:
         tried.append(float(candidates[0][0]))
         return [Outcome.__new__(Outcome)]
 
-    monkeypatch.setattr(slack, "simulated_all", simulated)
-    loop = stub(standard=lambda fit: np.ones(1), windows=[0])
-    found = slack._newton(cast(Any, loop), stub(x=np.zeros(1)), cast(Any, None), 1.0)
-    assert found == (None, 0.0, 3)
+    problem, solved = stub(simulator=stub(simulate_all=simulate_all)), stub(along=stub(x=np.zeros(1)))
+    assert slack._newton(problem, solved, cast(Any, None), 1.0) == (None, 0.0)
     assert tried == [1.0, 0.5, 0.25]
 
 
@@ -146,18 +137,20 @@ class Predicted:
 
 
 @pytest.mark.parametrize(("off", "shrink", "count"), [(1.0, 1.0, 10), (1.5, 0.1, 3), (0.7, 0.1, 2)])
-def test_a_fixed_point_is_solved_ten_times_at_most(off: float, shrink: float, count: int) -> None:
+def test_a_fixed_point_is_solved_ten_times_at_most(
+    off: float, shrink: float, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """And less often where it moves by less than a hundredth of a standard deviation."""
     response = Predicted(off, shrink)
-    loop = stub(
-        estimates=lambda x: np.zeros(1),
+    problem = stub(
+        job=stub(estimated=lambda x: np.zeros(1)),
         conditions=object(),
-        projection=lambda iterate: None,
-        solve=response.solve,
+        solution=response.solve,
+        solved=lambda along, system, fit: stub(along=along, system=system, fit=fit),
     )
+    monkeypatch.setattr(slack, "projection", lambda *given: None)
     fit = stub(solution=np.array([1.0]), std=np.ones(1))
-    place = slack.SolvedIterate(np.zeros(1), cast(Any, None), _system(), fit)
-    slack._fixed_point(cast(Any, loop), place, cast(Any, response))
+    slack._fixed_point(problem, stub(along=stub(x=None), system=_system(), fit=fit), cast(Any, response))
     assert response.count == count
 
 
@@ -168,15 +161,6 @@ def _system() -> Any:
     return LinearSystem(
         w=np.ones((1, 1)), y=np.zeros(1), names=("a",), blocks=(Block(rows=slice(0, 1), joint=0),)
     )
-
-
-def test_a_run_makes_two_attempts() -> None:
-    attempts = Attempts(50)
-    ends = []
-    for _ in range(3):
-        attempts.failed(5)
-        ends.append(attempts.exhausted)
-    assert ends == [False, True, True]
 
 
 @pytest.mark.parametrize(("samples", "refused"), [(20, True), (21, False)])

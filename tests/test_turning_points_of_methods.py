@@ -148,23 +148,19 @@ def test_a_secant_step_is_not_shorter_than_three_tenths() -> None:
 
 def test_the_third_step_of_a_two_cycle_is_halved() -> None:
     """Each full step lands where the one before began: the secant step goes to the middle, from the third on."""
-    base = stub(project=lambda step: step)
-    problem = stub(
-        base=base, job=stub(selection=stub(estimated=[0])), method=None, simulator=None, reporter=None
-    )
+    job = stub(estimated=lambda step: step)
+    problem = stub(job=job, change_in_sigma=lambda solved: 1.0, method=None, simulator=None, reporter=None)
     damped = SecantSteps(problem)
     advanced: list[float] = []
 
-    def advance(iterate: Any, solved: Any, length: float, moved: float) -> tuple[float, None]:
+    def advance(solved: Any, length: float, moved: float) -> tuple[float, None]:
         advanced.append(length)
         return length, None
 
     damped._advance = advance  # type: ignore[method-assign, assignment]
     for iteration, (x, target) in enumerate([(0.0, 1.0), (1.0, 0.0), (0.0, 1.0)]):
-        damped.step(
-            stub(x=np.array([x]), iteration=iteration),
-            stub(target=np.array([target]), std=np.ones(1), fit=stub(covariance=np.eye(1))),
-        )
+        along = stub(x=np.array([x]), iteration=iteration)
+        damped.step(stub(along=along, target=np.array([target]), fit=stub(covariance=np.eye(1))))
     assert advanced == [1.0, 1.0, 0.5]
 
 

@@ -23,7 +23,7 @@ from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
-from didim.methods.didim.windows import simulated_all
+from didim.methods.didim.windows import Iterate, Solved, simulated_all
 from didim.methods.job import Job
 from didim.signal.filters import low_pass
 from didim.signal.processing import SignalProcessing
@@ -44,12 +44,18 @@ class Diverging:
         return Outcome(SimulationStatus.DIVERGED, 1.0, 1)
 
 
+def solved_at(x: Array, simulated: Any = None) -> Solved:
+    """Return the solution of one row, at a distance of one."""
+    fit, system = stub(weights=np.ones(1)), stub(joints=[slice(0, 1)])
+    return Solved(Iterate(x, simulated, 0), system, fit, x + 1.0, np.ones(1))
+
+
 def test_a_step_whose_simulation_ends_early_is_halved_twenty_times() -> None:
     simulator = Diverging()
     steps = stub(
         simulator=simulator, method=stub(gain_updating="first"), reporter=stub(say=lambda text: None)
     )
-    length, _ = SafeSteps._advance(steps, stub(x=np.zeros(1)), np.ones(1), 1.0, False)
+    length, _ = SafeSteps._advance(steps, solved_at(np.zeros(1)), 1.0, False)
     assert length == 0.0
     assert simulator.tried == [0.5**k for k in range(20)]
 
@@ -57,9 +63,7 @@ def test_a_step_whose_simulation_ends_early_is_halved_twenty_times() -> None:
 def test_a_secant_step_is_halved_four_times() -> None:
     simulator = Diverging()
     steps = stub(simulator=simulator, reporter=stub(say=lambda text: None), _cost=lambda *given: 1.0)
-    solved = stub(fit=stub(weights=np.ones(1)), system=stub(joints=[slice(0, 1)]), target=np.ones(1))
-    iterate = stub(x=np.zeros(1), simulated=None)
-    length, _ = SecantSteps._advance(steps, iterate, cast(Any, solved), 1.0, 9.0)
+    length, _ = SecantSteps._advance(steps, solved_at(np.zeros(1)), 1.0, 9.0)
     assert length == 0.0
     assert simulator.tried == [1.0, 0.5, 0.25, 0.125, 0.0625]
 
@@ -72,9 +76,8 @@ def test_a_secant_step_may_raise_the_cost_by_two_percent(rise: float, length: fl
         method=stub(sigma_fraction=0.1),
         _cost=lambda simulated, weights: rise if simulated.x[0] == 1.0 else 1.0,
     )
-    solved = stub(fit=stub(weights=np.ones(1)), system=stub(joints=[slice(0, 1)]), target=np.ones(1))
-    iterate = stub(x=np.zeros(1), simulated=stub(x=np.zeros(1), scale=None), iteration=0)
-    found, after = SecantSteps._advance(steps, iterate, cast(Any, solved), 1.0, 9.0)
+    solved = solved_at(np.zeros(1), stub(x=np.zeros(1), scale=None))
+    found, after = SecantSteps._advance(steps, solved, 1.0, 9.0)
     assert found == length
     assert cast(Any, after).x == pytest.approx([length])
 

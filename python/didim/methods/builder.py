@@ -35,7 +35,7 @@ from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
 from ..signal.segments import Segment
-from .job import Delay, Job, ratio, ratios
+from .job import Delay, Job, ratio, ratios, recordings_of
 from .method import Described
 from .position_errors import position_shift
 from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
@@ -283,7 +283,7 @@ def _with_model_errors(
 ) -> Spread:
     """Return a spread with the shifts by missing friction and errors of positions, and the friction of parameters that exchange."""
     job, steps = run.job, _encoder_steps(run, parts)
-    x = job.parameters.lift(job.selection.expand(fit.solution))
+    x = job.lift(fit.solution)
     standard = [job.parameters.standard(x, part.recording) for part in parts]
     load = [
         rigid_torque(job.robot, part.q, part.dq, part.ddq, values)
@@ -299,7 +299,7 @@ def _with_model_errors(
 
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     """Return the differences of recordings that share offsets or friction."""
-    own = {key for recording in job.experiment.recordings if recording.role == "fit" for key in recording.own}
+    own = {key for _, recording in recordings_of(job.experiment) for key in recording.own}
     kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
         ("offset", "offsets"),
         ("friction", "friction"),

@@ -22,6 +22,7 @@ from ..regression.friction.velocity import VelocityEstimate, settled
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
 from ..signal.noise import encoder_step
+from .job import recordings_of
 from .method import Method, MethodSettings
 
 REFUSED = {
@@ -167,10 +168,9 @@ def _check_temperature(method: Method, experiment: Experiment) -> None:
             f"{terms[0].parameter} depends on the temperature, and {method.name} simulates the robot at one: identify it by "
             "idim-ls, or leave it out of [friction]"
         )
-    fitted = [recording for recording in experiment.recordings if recording.role == "fit"]
     for term in terms:
         recorded = []
-        for recording in fitted:
+        for _, recording in recordings_of(experiment):
             if recording.temperature is None:
                 raise FitError(
                     f"recording '{recording.name}' has no temperature, on which {term.parameter} depends: "

@@ -149,16 +149,9 @@ class Job:
 
     def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
         """Return the filtered windows of a role's recordings, with compensation of a delay, given as an object or in samples."""
-        recordings = [
-            (number, recording)
-            for number, recording in enumerate(self.experiment.recordings)
-            if recording.role == role
-        ]
-        if role == "fit" and not recordings:
-            raise FitError(f"experiment '{self.experiment.name}' has no recording with role 'fit'")
         return [
             part
-            for number, recording in recordings
+            for number, recording in recordings_of(self.experiment, role)
             for part in segments(recording, self.signal, shift(delay, recording.rate_hz), number=number)
         ]
 
@@ -184,10 +177,18 @@ class Job:
         """Solve a system (7) with the solver of this run."""
         return self.solver(system, self.settings, progress)
 
+    def lift(self, estimate: Array) -> Array:
+        """Return extended standard parameters, (p + e,), of the estimated base parameters, (n,)."""
+        return self.parameters.lift(self.selection.expand(estimate))
+
+    def estimated(self, x: Array) -> Array:
+        """Return the estimated base parameters, (n,), of extended standard parameters, (p + e,)."""
+        return np.asarray(self.parameters.project(x)[self.selection.estimated])
+
     @property
     def reduction(self) -> Array:
         """Return the reduction matrix of the motors with logged currents, (n_dof, n_dof): the identity for joint-side currents."""
-        drives = (each.drives for each in self.experiment.recordings if each.role == "fit")
+        drives = (recording.drives for _, recording in recordings_of(self.experiment))
         reduction = next((each for each in drives if each is not None), None)
         return np.eye(self.robot.n_dof) if reduction is None else np.array(reduction)
 
@@ -241,7 +242,6 @@ class Job:
         return min(estimates, key=lambda estimate: estimate[0])[1]
 
     def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
-        parameters = self.parameters
         # The delays have standard deviations of their own.
         plain = replace(self.settings, uncertainty="white")
 
@@ -251,7 +251,7 @@ class Job:
             return Observed(system, fit.weights, fit.solution)
 
         def torque(part: Segment, solution: Array) -> Array:
-            x = parameters.standard(parameters.lift(self.selection.expand(solution)), part.recording)
+            x = self.parameters.standard(self.lift(solution), part.recording)
             return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
 
         declared = self.declared_delay
@@ -283,9 +283,7 @@ class Job:
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
         """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
         by_recording = []
-        for number, recording in enumerate(self.experiment.recordings):
-            if recording.role != "held-out":
-                continue
+        for number, recording in recordings_of(self.experiment, "held-out"):
             recording = recording.with_gains(beta[len(beta) - self.parameters.n_gains :])
             errors, torques, n_rows = self.predicted(recording, self.parameters.base(beta, number), delay)
             by_recording.append(
@@ -299,19 +297,19 @@ class Job:
         return by_recording
 
 
-def fitted_recordings(experiment: Experiment) -> list[tuple[int, Recording]]:
-    """Return the recordings with role "fit" and their numbers.
+def recordings_of(experiment: Experiment, role: str = "fit") -> list[tuple[int, Recording]]:
+    """Return the recordings of a role with their numbers.
 
     Raises
     ------
     FitError
-        Without one (``test_identify.py``).
+        Without one to fit (``test_identify.py``).
     """
     every = enumerate(experiment.recordings)
-    fitted = [(number, recording) for number, recording in every if recording.role == "fit"]
-    if not fitted:
+    recordings = [(number, recording) for number, recording in every if recording.role == role]
+    if role == "fit" and not recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
-    return fitted
+    return recordings
 
 
 def shift(delay: Delay | Shift, rate_hz: float) -> Shift:

@@ -5,7 +5,7 @@ Tested in ``tests/test_didim.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,6 +119,29 @@ def standard_start(robot: Robot, start: Start) -> Array:
         f"the start needs {len(robot.parameter_names)} standard or {len(base.names)} base parameters, got "
         f"{vector.shape}"
     )
+
+
+def extended_start(
+    job: Job, start: Start, direct: Callable[[], Identification], delay: Callable[[], Delay]
+) -> Array:
+    """Return the standard parameters of a start and the further ones of the logs, (p + e,).
+
+    Parameters
+    ----------
+    job : Job
+        Experiment and settings.
+    start : str, mapping, array or Identification
+        As for `standard_start` and `start_from_log`, or "idim-ls".
+    direct, delay : callable
+        Functions that return the estimate of IDIM-LS, and the delay of the torque.
+    """
+    if isinstance(start, str) and start in FROM_LOG:
+        return job.parameters.extended(start_from_log(job, delay(), start))
+    if isinstance(start, str) and start == "idim-ls":
+        start = direct()
+    # Drive gains start from IDIM-LS, because currents give no torques without them.
+    gains = further_of(direct()) if job.parameters.n_gains else {}
+    return job.parameters.extended(standard_start(job.robot, start), {**gains, **further_of(start)})
 
 
 def further_of(start: Start) -> dict[str, float]:

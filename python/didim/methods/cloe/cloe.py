@@ -20,8 +20,9 @@ from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.status import Status
+from ..job import recordings_of
 from ..positions.estimate import identify_positions
-from .consistent import ConsistentSteps, consistent_steps
+from .consistent import consistent_steps
 from .held_gains import run_with_held_gains
 from .levenberg_marquardt import SafeSteps, search
 from .output_error import OutputError
@@ -94,7 +95,7 @@ class CLOE(CLOESettings):
         """
         if experiment.links == "fixed":
             return identify_positions(self, experiment, reporter)
-        if any(each.drives is not None for each in experiment.recordings if each.role == "fit"):
+        if any(recording.drives is not None for _, recording in recordings_of(experiment)):
             return run_with_held_gains(self, self.run, experiment, reporter)
         begun = self._begun(experiment, reporter)
         problem = begun.problem
@@ -125,17 +126,17 @@ class CLOE(CLOESettings):
         best = _best(fits, self.starts)
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
-    def _begun(self, experiment: Experiment, reporter: Reporter) -> SafeSteps | ConsistentSteps:
+    def _begun(self, experiment: Experiment, reporter: Reporter) -> SafeSteps:
         """Return the search from the start, which for a physical search is that of consistent DIDIM."""
         if self.physical:
             return consistent_steps(self, experiment, reporter)
         job = self.job(experiment, experiment.simulated_robot)
         return SafeSteps(OutputError(self, job, reporter))
 
-    def _search(self, begun: SafeSteps | ConsistentSteps) -> Identification:
+    def _search(self, begun: SafeSteps) -> Identification:
         if self.optimizer == "nelder-mead":
             return SimplexSearch(begun.problem).run()
-        return search(begun.problem, begun)
+        return search(begun)
 
 
 def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identification:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, unit_diagonal
 from ...evidence.torques import CONTRADICTIONS
 from ...experiment.experiment import Experiment
 from ...regression.consistent.problem import ConstrainedProblem
@@ -25,9 +25,10 @@ from ..didim.didim import DIDIM
 from ..didim.globalisation import SecantSteps
 from ..didim.iterations import Iterations
 from ..didim.problem import ConsistentProblem
+from ..didim.simulator import RateSimulator
 from ..start import further_of
 from .jacobian import Jacobian
-from .levenberg_marquardt import DAMPINGS, Advance
+from .levenberg_marquardt import DAMPINGS, Advance, SafeSteps
 from .output_error import OutputError
 from .settings import CLOESettings
 
@@ -40,7 +41,7 @@ AT_OPTIMUM = 1e-4
 one sigma."""
 
 
-class ConsistentSteps:
+class ConsistentSteps(SafeSteps):
     """Steps of Levenberg and Marquardt among robots; candidates are standard parameters and those of logs, (p + e,)."""
 
     measure = "promised_fall"
@@ -50,7 +51,8 @@ class ConsistentSteps:
     def __init__(
         self, problem: OutputError, constrained: ConstrainedProblem, x: Array, begun: Identification
     ) -> None:
-        self.problem, self.constrained, self.x, self.begun = problem, constrained, x, begun
+        super().__init__(problem)
+        self.constrained, self.x, self.begun = constrained, x, begun
 
     def begin(self) -> Array:
         """Return the robot at the start."""
@@ -65,7 +67,7 @@ class ConsistentSteps:
 
     def point(self, candidate: Array) -> Array:
         """Return the estimated base parameters of a robot."""
-        return np.asarray(self.problem.base.project(candidate)[self.problem.estimated])
+        return self.problem.job.estimated(candidate)
 
     def trials(
         self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
@@ -83,8 +85,7 @@ class ConsistentSteps:
         n = len(point)
         scale = np.sqrt(max(0, errors.size - n) / cost * min(1.0, self.begun.n_rows / errors.size))
         triangle = jacobian.triangles(point, errors)
-        size = np.sqrt(np.diag(jacobian.normal))
-        size = np.where(size > 0.0, size, 1.0)
+        _, size = unit_diagonal(jacobian.normal)
         robots = []
         for damping in dampings:
             held = np.sqrt(damping) * size
@@ -97,7 +98,7 @@ class ConsistentSteps:
         """Whether the predicted or an accepted decrease is small: a failed step with a large prediction is not an optimum."""
         return measure <= AT_OPTIMUM or (accepted and fall <= AT_OPTIMUM)
 
-    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
+    def correction(self, jacobian: Jacobian, cost: float) -> Advance:
         """Return the undamped step among robots."""
 
         def advance(x: Array, errors: Array) -> Array:
@@ -150,7 +151,7 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
     solver = CONSISTENT.for_logs(job.parameters, job.selection)
-    consistent = ConsistentProblem(didim, job, solver, reporter.without_iterations)
+    consistent = ConsistentProblem(RateSimulator(didim, job, reporter.without_iterations), solver)
     begun = Iterations(consistent, SecantSteps(consistent)).result()
     assert consistent.conditions is not None
     x = job.parameters.extended(begun.parameters, further_of(begun))

@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 from ..._tools.arrays import Array
 from .output_error import OutputError
@@ -25,50 +23,21 @@ SHORTEST_CORRECTION = 0.01
 MOST_CORRECTIONS = 5
 """Upper bound of the corrections (A): two are usual, and each takes one simulation with divided steps."""
 
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Corrected(Generic[T]):
-    """End of the corrections.
-
-    Attributes
-    ----------
-    problem : OutputError
-        The problem with divided steps.
-    candidate : T
-        The last candidate.
-    errors : (n_rows,) array
-        Its weighted errors.
-    shift : float
-        Length of the correction in standard deviations for white noise, an upper bound of that of each parameter.
-    """
-
-    problem: OutputError
-    candidate: T
-    errors: Array
-    shift: float
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares of the errors."""
-        return float(self.errors @ self.errors)
-
 
 def corrected(
     problem: OutputError,
-    candidate: T,
+    candidate: Array,
     normal: Array,
-    advance: Callable[[T, Array], T],
-    point_of: Callable[[T], Array],
-) -> Corrected[T] | None:
+    advance: Callable[[Array, Array], Array],
+    point_of: Callable[[Array], Array],
+) -> tuple[OutputError, Array, Array, float] | None:
     """Iterate the correction (A) from the optimum of the search.
 
     Parameters
     ----------
     problem : OutputError
         The problem with the steps of the search.
-    candidate : T
+    candidate : array
         The optimum of the search: a point, or standard parameters.
     normal : (n, n) array
         ``G^T G``, the weighted normal matrix at the optimum.
@@ -79,8 +48,9 @@ def corrected(
 
     Returns
     -------
-    Corrected or None
-        None if a run with divided steps does not complete.
+    problem, candidate, errors, shift : OutputError, array, (n_rows,) array and float, or None
+        The problem with divided steps, the last candidate, its weighted errors, and the length of the correction in standard
+        deviations for white noise, an upper bound of that of each parameter. None if a run with divided steps does not complete.
     """
     finer = problem.divided(STEP_PARTS)
     begun = point = point_of(candidate)
@@ -98,7 +68,7 @@ def corrected(
         if not completed[0] or not every[0] @ every[0] < errors @ errors:
             break
         candidate, point, errors = trial, there, every[0]
-    return Corrected(finer, candidate, errors, _length(point - begun, normal, errors, rows))
+    return finer, candidate, errors, _length(point - begun, normal, errors, rows)
 
 
 def _length(step: Array, normal: Array, errors: Array, rows: int) -> float:

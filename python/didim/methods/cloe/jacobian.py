@@ -50,6 +50,11 @@ class Part:
         samples = np.arange(self.slopes.shape[1] // len(self.joints))
         return np.asarray((samples[:, None] * self.n_dof + self.joints).ravel())
 
+    @property
+    def normal(self) -> Array:
+        """``G^T G`` of these parameters, (c, c)."""
+        return np.asarray(self.slopes @ self.slopes.T)
+
     def errors(self, errors: Array) -> Array:
         """Return the errors of these joints, (n_samples * j,), among all errors."""
         return errors.reshape(-1, self.n_dof)[:, self.joints].ravel()
@@ -121,7 +126,7 @@ class Jacobian:
         n = sum(part.columns.size for part in self.parts)
         normal = np.zeros((n, n))
         for part in self.parts:
-            normal[np.ix_(part.columns, part.columns)] = part.slopes @ part.slopes.T
+            normal[np.ix_(part.columns, part.columns)] = part.normal
         return normal
 
     def gradient(self, errors: Array) -> Array:

@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from functools import partial
-from typing import Protocol
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient, unit_diagonal
 from ..._tools.words import joints_text, series
 from ...errors import FitError
 from ...regression.covariance import autocorrelated
@@ -42,48 +40,10 @@ Advance = Callable[[Array, Array], Array]
 """Function that corrects a candidate once, given the candidate and its errors."""
 
 
-class Steps(Protocol):
-    """Candidates of a search, and its test of convergence.
-
-    Attributes
-    ----------
-    measure : str
-        Name, in the history, of the number that tests for an optimum.
-    most_raises : int
-        Number of times that the damping is raised beyond `DAMPINGS` before the search ends.
-    least_fall : float
-        Relative decrease of the cost at which the search ends, whatever the tolerance.
-    """
-
-    measure: str
-    most_raises: int
-    least_fall: float
-
-    def begin(self) -> Array:
-        """Return the candidate at the start."""
-
-    def point(self, candidate: Array) -> Array:
-        """Return the estimated base parameters of a candidate, (n,)."""
-
-    def trials(
-        self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
-    ) -> tuple[list[Array], float]:
-        """Return a candidate for each of `DAMPINGS`, and the measure of optimality."""
-
-    def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
-        """Whether the search has ended at an optimum."""
-
-    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
-        """Return the undamped step with given errors (`finer_steps.corrected`); None if the outputs do not determine it."""
-
-    def finish(self, fit: Identification, candidate: Array) -> Identification:
-        """Return the result at a candidate."""
-
-
-def search(problem: OutputError, steps: Steps) -> Identification:
-    """Search from the start, or resume from the checkpoint of the problem."""
-    weigh_by_noise(problem)
-    run = Search(problem, steps)
+def search(steps: SafeSteps) -> Identification:
+    """Search from the start of the steps, or resume from the checkpoint of their problem."""
+    weigh_by_noise(steps.problem)
+    run = Search(steps)
     try:
         status = run.iterate()
         run.finish(status)
@@ -95,7 +55,8 @@ def search(problem: OutputError, steps: Steps) -> Identification:
 class Search:
     """A search in progress: its candidate, with the errors, the cost and the derivatives there."""
 
-    def __init__(self, problem: OutputError, steps: Steps) -> None:
+    def __init__(self, steps: SafeSteps) -> None:
+        problem = steps.problem
         self.problem, self.steps, self.checkpoint = problem, steps, problem.checkpoint()
         self.candidate, self.damping, self.initial = steps.begin(), 1e-3, math.nan
         self.history: list[Iteration] = []
@@ -117,10 +78,13 @@ class Search:
         if not completed[0]:
             raise problem.no_start()
         self.errors = errors[0]
-        self.cost = float(self.errors @ self.errors)
         self.initial = self.cost if math.isnan(self.initial) else self.initial
         self.jacobian: Jacobian | None = None
-        self.normal = np.eye(self.point.size)
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the errors."""
+        return float(self.errors @ self.errors)
 
     def iterate(self) -> Status:
         """Step until an optimum, the largest number of iterations or the callback ends the search."""
@@ -156,7 +120,7 @@ class Search:
 
     def step(self) -> tuple[float, float, float]:
         """Make a damped step; return the measure of optimality, and the relative decrease and the step, zero without one."""
-        jacobian = self._differentiate()
+        self.jacobian = jacobian = self.problem.derivatives(self.point, self.errors)
         self.accepted = False
         trials, measure = self.steps.trials(self.candidate, self.errors, jacobian, self.damping)
         for raised in range(self.steps.most_raises):
@@ -175,28 +139,26 @@ class Search:
         length = float(np.max(np.abs(points[best] - self.point) / self.problem.scale))
         self.candidate, self.point = trials[best], points[best]
         self.errors = self.problem.errors(self.point[None])[0][0]
-        self.cost = float(self.errors @ self.errors)
         self.damping = max(1e-12, self.damping * float(DAMPINGS[best]) * 3.0)
         return measure, fall, length
 
     def finish(self, status: Status) -> None:
         """Take the derivatives at the end, and correct a converged search for the steps in time."""
         if self.jacobian is None or (self.accepted and status is not Status.STOPPED):
-            self._differentiate()
-        if status is not Status.CONVERGED or self.jacobian is None:
+            self.jacobian = self.problem.derivatives(self.point, self.errors)
+        if status is not Status.CONVERGED:
             return
-        advance = self.steps.correction(self.jacobian, self.normal, self.cost)
+        advance = self.steps.correction(self.jacobian, self.cost)
         if advance is None:
             return
-        end = corrected(self.problem, self.candidate, self.normal, advance, self.steps.point)
+        end = corrected(self.problem, self.candidate, self.jacobian.normal, advance, self.steps.point)
         if end is not None:
-            self.problem, self.candidate, self.shift_by_finer_steps = end.problem, end.candidate, end.shift
-            self.errors, self.cost = end.errors, end.cost
+            self.problem, self.candidate, self.errors, self.shift_by_finer_steps = end
 
     def result(self, status: Status) -> Identification:
         """Return the result at the last candidate."""
         problem = self.problem
-        spread, condition, remarks = spread_at(problem, self.normal, self.errors, self.jacobian)
+        spread, condition, remarks = spread_at(problem, self.errors, self.jacobian)
         if math.isinf(condition) and status is Status.CONVERGED:
             status = Status.ILL_CONDITIONED
         known_noise = problem.weight_q.all()
@@ -217,11 +179,6 @@ class Search:
         )
         return self.steps.finish(fit, self.candidate)
 
-    def _differentiate(self) -> Jacobian:
-        self.jacobian = self.problem.derivatives(self.point, self.errors)
-        self.normal = self.jacobian.normal
-        return self.jacobian
-
     def _entry(self, number: int, measure: float, length: float) -> Iteration:
         return Iteration(
             iteration=number,
@@ -238,7 +195,19 @@ class Search:
 
 
 class SafeSteps:
-    """Damped Gauss-Newton steps, shortened until M(q) is positive definite; candidates are points."""
+    """Candidates of a search, and its test of convergence: damped Gauss-Newton steps, shortened until M(q) is positive definite.
+
+    Candidates are points here, (n,).
+
+    Attributes
+    ----------
+    measure : str
+        Name, in the history, of the number that tests for an optimum.
+    most_raises : int
+        Number of times that the damping is raised beyond `DAMPINGS` before the search ends.
+    least_fall : float
+        Relative decrease of the cost at which the search ends, whatever the tolerance.
+    """
 
     measure = "gradient_cosine"
     most_raises = 8
@@ -248,7 +217,7 @@ class SafeSteps:
         self.problem = problem
 
     def begin(self) -> Array:
-        """Return the start of the problem."""
+        """Return the candidate at the start."""
         return self.problem.start
 
     def begun_near(self, target: Array) -> SafeSteps:
@@ -256,32 +225,42 @@ class SafeSteps:
         return SafeSteps(self.problem.begun_at(target))
 
     def point(self, candidate: Array) -> Array:
-        """Return the candidate."""
+        """Return the estimated base parameters of a candidate, (n,)."""
         return candidate
 
     def trials(
         self, candidate: Array, errors: Array, jacobian: Jacobian, damping: float
     ) -> tuple[list[Array], float]:
-        """Return a point for each damping, and the largest cosine of the errors and a derivative."""
-        normal, gradient = jacobian.normal, jacobian.gradient(errors)
-        diagonal = np.diag(normal).copy()
-        diagonal[diagonal == 0.0] = 1.0
-        cost = float(errors @ errors)
-        cosine = float(np.max(np.abs(gradient) / np.sqrt(diagonal * cost))) if cost > 0.0 else 0.0
-        trials = _trials(self.problem, candidate, normal, gradient, diagonal, damping * DAMPINGS)
-        return list(trials), cosine
+        """Return a candidate for each of `DAMPINGS`, and the measure: the largest cosine of the errors and a derivative."""
+        _, size = unit_diagonal(jacobian.normal)
+        cosines = quotient(np.abs(jacobian.gradient(errors)), size * np.linalg.norm(errors))
+        trials = self._moved(candidate, errors, jacobian, damping * DAMPINGS)
+        return trials, float(np.max(cosines))
 
     def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
-        """Whether the gradient is zero."""
+        """Whether the search has ended at an optimum: the gradient is zero."""
         return measure <= GRADIENT
 
-    def correction(self, jacobian: Jacobian, normal: Array, cost: float) -> Advance | None:
-        """Return the undamped step, where the outputs identify every parameter."""
-        return partial(_correction, self.problem, jacobian) if identifies(normal) else None
+    def correction(self, jacobian: Jacobian, cost: float) -> Advance | None:
+        """Return the undamped step with given errors (`finer_steps.corrected`); None if the outputs do not determine it."""
+
+        def advance(point: Array, errors: Array) -> Array:
+            return self._moved(point, errors, jacobian, np.zeros(1))[0]
+
+        return advance if identifies(jacobian.normal) else None
 
     def finish(self, fit: Identification, candidate: Array) -> Identification:
-        """Return the result."""
+        """Return the result at a candidate."""
         return fit
+
+    def _moved(self, point: Array, errors: Array, jacobian: Jacobian, dampings: Array) -> list[Array]:
+        """Return the point after a step with each damping, shortened until M(q) is positive definite."""
+        scaled, size = unit_diagonal(jacobian.normal)
+        slope, moved = jacobian.gradient(errors) / size, []
+        for damping in dampings:
+            step = np.linalg.solve(scaled + damping * np.eye(point.size), -slope) / size
+            moved.append(point + self.problem.safe_share(point, point + step) * step)
+        return moved
 
 
 def weigh_by_noise(problem: OutputError) -> None:
@@ -304,57 +283,36 @@ def weigh_by_noise(problem: OutputError) -> None:
         problem.weight_tau = 1.0 / white_noise(tau) ** 2
 
 
-def _trials(
-    problem: OutputError, point: Array, normal: Array, gradient: Array, diagonal: Array, dampings: Array
-) -> Array:
-    """Return points for several dampings, with steps shortened until M(q) is positive definite."""
-    size = np.sqrt(diagonal)
-    scaled = normal / np.outer(size, size)
-    trials = []
-    for damping in dampings:
-        step = np.linalg.solve(scaled + damping * np.eye(point.size), -gradient / size) / size
-        share = problem.safe_share(point, point + step)
-        trials.append(point + share * step)
-    return np.stack(trials)
-
-
-def _correction(problem: OutputError, jacobian: Jacobian, point: Array, errors: Array) -> Array:
-    """Return the point after an undamped step with given errors, shortened until M(q) is positive definite."""
-    normal = jacobian.normal
-    diagonal = np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0)
-    return np.asarray(_trials(problem, point, normal, jacobian.gradient(errors), diagonal, np.zeros(1))[0])
-
-
-def _scaled(normal: Array) -> tuple[Array, Array, Array]:
+def _eigen(normal: Array) -> tuple[Array, Array, Array]:
     """Return the lengths of the derivatives, and eigenvalues and eigenvectors of the normal matrix of unit derivatives."""
-    size = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
-    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    return size, values, vectors
+    scaled, size = unit_diagonal(normal)
+    return size, *np.linalg.eigh(scaled)
 
 
 def identifies(normal: Array) -> bool:
     """Return whether the outputs identify every combination of the parameters."""
-    _, values, _ = _scaled(normal)
+    _, values, _ = _eigen(normal)
     return bool(values[0] > SINGULAR_NORMAL_MATRIX * values[-1])
 
 
 def spread_at(
-    problem: OutputError, normal: Array, errors: Array, jacobian: Jacobian | None
+    problem: OutputError, errors: Array, jacobian: Jacobian | None
 ) -> tuple[Spread, float, list[str]]:
     """Return the spread of the estimate, the condition number of the scaled columns, and remarks.
 
     The covariance is that of the linear problem with the last Jacobian, without another simulation. It includes the correlation
     of the output errors and, unless the settings say otherwise, the variances of the jackknife.
     """
-    nothing = Spread(np.zeros_like(normal), None)
+    names = [problem.base.names[index] for index in problem.estimated]
+    empty = np.zeros((len(names), len(names)))
+    nothing = Spread(empty, None)
     if jacobian is None:
         return (
             nothing,
             math.inf,
             ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
-    scaled = [_scaled(normal[np.ix_(part.columns, part.columns)]) for part in jacobian.parts]
-    names = [problem.base.names[index] for index in problem.estimated]
+    scaled = [_eigen(part.normal) for part in jacobian.parts]
     worst = min(range(len(scaled)), key=lambda k: scaled[k][1][0])
     least, largest = scaled[worst][1][0], max(values[-1] for _, values, _ in scaled)
     if least <= SINGULAR_NORMAL_MATRIX * largest:
@@ -363,7 +321,7 @@ def spread_at(
         remark = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
         return nothing, math.inf, [remark]
     blocks, correlated = problem.blocks(), list[int]()
-    covariance, roots, factors = np.zeros_like(normal), np.zeros_like(normal), []
+    covariance, roots, factors = empty.copy(), empty.copy(), []
     for part, (size, values, vectors) in zip(jacobian.parts, scaled, strict=True):
         own, square = part.errors(errors), np.ix_(part.columns, part.columns)
         inverse = (vectors / values) @ vectors.T / np.outer(size, size)

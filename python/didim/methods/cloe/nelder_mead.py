@@ -37,16 +37,18 @@ class Simplex:
 
 def literal_simplex(x: Array) -> Array:
     """Return the first simplex of ``fminsearch`` and SciPy: +5 % per coordinate, 0.00025 where it is zero; (n + 1, n)."""
-    points = np.tile(x, (x.size + 1, 1))
-    for k in range(x.size):
-        points[k + 1, k] = 1.05 * x[k] if x[k] != 0.0 else 0.00025
-    return points
+    return _simplex(x, np.where(x != 0.0, 1.05 * x, 0.00025))
 
 
 def edged_simplex(x: Array, edges: Array) -> Array:
     """Return a first simplex with edges of given lengths along the coordinates; (n + 1, n)."""
+    return _simplex(x, x + edges)
+
+
+def _simplex(x: Array, moved: Array) -> Array:
+    """Return a point and, for each of its coordinates, one in which that is moved, (n + 1, n)."""
     points = np.tile(x, (x.size + 1, 1))
-    points[np.arange(1, x.size + 1), np.arange(x.size)] += edges
+    np.fill_diagonal(points[1:], moved)
     return points
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ...errors import FitError
 from ...evidence.loop.simulated import Piece, compare_motions
 from ...experiment.loop import closed_loop
@@ -35,8 +35,8 @@ from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
 from ..builder import Run, TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
-from ..job import Delay, Job
-from ..start import FROM_LOG, further_of, standard_start, start_from_log
+from ..job import Delay, Job, recordings_of
+from ..start import extended_start
 from .checkpoint import Checkpoint
 from .jacobian import Jacobian
 from .settings import CLOESettings, Output
@@ -95,9 +95,7 @@ class OutputError:
 
     def standard(self, points: Array) -> Array:
         """Return standard parameters of (m, n) points, (m, n_parameters), followed by the further ones of the logs."""
-        beta = np.tile(self.job.selection.values, (len(points), 1))
-        beta[:, self.estimated] = points
-        return np.ascontiguousarray([self.base.lift(row) for row in beta])
+        return np.ascontiguousarray([self.job.lift(point) for point in points])
 
     def costs(self, points: Array) -> Array:
         """Return sums of weighted squared errors, (m,); infinite if a run ends early or a point is not finite."""
@@ -244,15 +242,10 @@ class OutputError:
         return digest.hexdigest()
 
     def _start(self) -> Array:
-        start = self.method.chosen_start
-        if isinstance(start, str) and start == "idim-ls":
-            direct = direct_estimate(self.method, self.job.experiment, self.reporter)
-            x = self.base.extended(direct.parameters, further_of(direct))
-        elif isinstance(start, str) and start in FROM_LOG:
-            x = self.base.extended(start_from_log(self.job, self.job.delay(), start))
-        else:
-            x = self.base.extended(standard_start(self.robot, start), further_of(start))
-        return np.asarray(self.base.project(x)[self.estimated])
+        def direct() -> Identification:
+            return direct_estimate(self.method, self.job.experiment, self.reporter)
+
+        return self.job.estimated(extended_start(self.job, self.method.chosen_start, direct, self.job.delay))
 
     def _scale(self) -> tuple[Array, NDArray[np.bool_]]:
         """Return the scale, and whether each parameter acts on the torque of a joint along the references, (n_dof, n)."""
@@ -270,7 +263,7 @@ class OutputError:
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.tau**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))
-        return 1.0 / np.where(share > 0.0, share, 1.0), squares > 0.0
+        return quotient(np.ones(len(share)), share, 1.0), squares > 0.0
 
     def result(
         self,
@@ -343,20 +336,17 @@ class OutputError:
 
 
 def _windows(job: Job, output: Output) -> list[Window]:
-    experiment = job.experiment
     if output != "position" and job.delay_setting not in ("hold", 0.0):
         raise FitError(
             f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}: use output "
             "'position', or DIDIM"
         )
     windows = []
-    for number, recording in enumerate(experiment.recordings):
-        if recording.role != "fit":
-            continue
+    for number, recording in recordings_of(job.experiment):
         if recording.tau is None and output != "position":
             raise FitError(f"recording '{recording.name}' has no torques, which output {output!r} needs")
         for count, (start, stop) in enumerate(recording.windows):
-            loop = closed_loop(experiment, recording, (start, stop))
+            loop = closed_loop(job.experiment, recording, (start, stop))
             q = np.ascontiguousarray(recording.measured_positions()[start:stop])
             tau = (
                 np.zeros_like(q)
@@ -373,6 +363,4 @@ def _windows(job: Job, output: Output) -> list[Window]:
             where = place_of(recording, (start, stop))
             kept_samples(len(q), where, job.signal)  # before the search, not after it
             windows.append(Window(loop, q, tau, where, number, count))
-    if not windows:
-        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return windows

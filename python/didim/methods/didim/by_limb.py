@@ -136,13 +136,10 @@ class LimbProblem(Problem):
     """The linear system of one limb, with the names of the robot's parameters."""
 
     def __init__(self, whole: Problem, limb_in_robot: LimbInRobot, x: Array, reporter: Reporter) -> None:
-        self.whole, self.limb_in_robot, self._x = whole, limb_in_robot, x[limb_in_robot.limb.indices]
-        super().__init__(whole.method, limb_in_robot.job(whole), reporter)
+        self._x = x[limb_in_robot.limb.indices]
+        super().__init__(LimbSimulator(whole.simulator, limb_in_robot, limb_in_robot.job(whole), reporter))
         names = self.robot.base_parameters.names
         self._names = {name: renamed(name, limb_in_robot.limb.links) for name in names}
-
-    def _simulator(self) -> LogSimulator:
-        return LimbSimulator(self.whole.simulator, self.limb_in_robot, self.job, self.reporter)
 
     def start(self) -> Array:
         """Return the start of the limb."""
@@ -276,18 +273,12 @@ class ByLimb(Iterations):
         for each in zip(*(run.motions for run in runs), strict=True):
             q, dq, ddq, tau = map(self._side_by_side, zip(*each, strict=True))
             motions.append((q, dq, ddq, tau))
-        scale = None
-        if any(run.scale is not None for run in runs):
-            ones = [np.ones(len(limb_in_robot.joints)) for limb_in_robot in self.limbs]
-            scale = self._side_by_side(
-                [one if run.scale is None else run.scale for run, one in zip(runs, ones, strict=True)]
-            )
         number = max(iterate.iteration for iterate in iterates)
-        return Iterate(x, of_motions(windows, x, motions, scale), number)
+        return Iterate(x, of_motions(windows, x, motions, None), number)
 
     def _solved(self) -> Solved:
         """Return the solution of all rows, with the errors of the limbs that ended at the fixed point of a slack loop."""
-        along = self._joined([part.along for part in self.parts])
+        along = self._joined([part.solved.along for part in self.parts])
         solved = self.problem.solve(along, self.problem.observe(along))
         if all(part.solved.fit.factors is None for part in self.parts):
             return solved
@@ -299,12 +290,7 @@ class ByLimb(Iterations):
         branches: list[tuple[NDArray[np.intp], NDArray[np.intp], Factors]] = []
         covariance, residual, n = fit.covariance.copy(), np.zeros_like(fit.residual), len(estimated)
         for limb_in_robot, part in zip(self.limbs, self.parts, strict=True):
-            rows = np.concatenate(
-                [
-                    np.arange(system.joints[joint].start, system.joints[joint].stop)
-                    for joint in limb_in_robot.joints
-                ]
-            )
+            rows = np.r_[tuple(system.joints[joint] for joint in limb_in_robot.joints)]
             columns = np.array([position[column] for column in limb_in_robot.columns if column in position])
             own, factors = part.solved.fit, part.solved.fit.factors
             if isinstance(factors, Factors):

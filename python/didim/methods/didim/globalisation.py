@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import Array, quotient
+from ..._tools.arrays import Array
 from ...loop.outcome import Outcome, SimulationStatus
 from ...model.safe_step import safe_step
 from ...regression.covariance import inverse
@@ -26,12 +26,6 @@ FEWER_HALVINGS = 4
 """Largest number of times a secant step is halved when its run ends early or its cost rises."""
 
 
-def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
-    """Return the largest change of a base parameter, in standard deviations."""
-    change = np.abs(problem.base.project(step))
-    return float(quotient(change, solved.std).max(initial=0.0))
-
-
 class SafeSteps:
     """Steps with M(q) > 0, halved until the simulation completes."""
 
@@ -39,14 +33,12 @@ class SafeSteps:
         self.problem, self.reporter = problem, problem.reporter
         self.method, self.simulator = problem.method, problem.simulator
 
-    def step(self, iterate: Iterate, solved: Solved) -> Step:
+    def step(self, solved: Solved) -> Step:
         """Take the longest step towards the solution with M(q) > 0 and a complete simulation."""
-        largest = self._largest(iterate, solved.target)
-        largest_change = in_sigma(self.problem, solved, solved.target - iterate.x)
+        iterate, largest = solved.along, self._largest(solved)
+        largest_change = self.problem.change_in_sigma(solved)
         # If this simulation may be the last one, its time steps are checked in parallel.
-        length, after = self._advance(
-            iterate, solved.target, largest, largest_change <= self.method.sigma_fraction
-        )
+        length, after = self._advance(solved, largest, largest_change <= self.method.sigma_fraction)
         if length < largest and self.simulator.take_small_steps():
             # With M(q) > 0 the iterate is a robot; a failed simulation then needs smaller time steps.
             again = self.simulator.simulate(iterate.x, iterate.simulated.scale)
@@ -54,9 +46,9 @@ class SafeSteps:
                 return Step(length, largest, largest_change, replace(iterate, simulated=again), repeated=True)
         return Step(length, largest, largest_change, after)
 
-    def _largest(self, iterate: Iterate, target: Array) -> float:
+    def _largest(self, solved: Solved) -> float:
         """Return the largest share of the step with M(q) > 0 for every payload."""
-        parameters = self.problem.base
+        iterate, parameters = solved.along, self.problem.base
         groups: dict[int, list[Array]] = {}
         for window, motion in zip(self.simulator.windows, iterate.simulated.motions, strict=True):
             groups.setdefault(-1 if parameters.simple else window.recording, []).append(motion[0])
@@ -65,24 +57,22 @@ class SafeSteps:
                 self.problem.robot,
                 checked_positions(np.concatenate(q)),
                 parameters.standard(iterate.x, recording),
-                parameters.standard(target, recording),
+                parameters.standard(solved.target, recording),
                 self.method.margin,
             )
             for recording, q in groups.items()
         )
 
-    def _advance(
-        self, iterate: Iterate, target: Array, largest: float, checked: bool
-    ) -> tuple[float, Iterate | Outcome]:
+    def _advance(self, solved: Solved, largest: float, checked: bool) -> tuple[float, Iterate | Outcome]:
         """Halve the step until the simulation completes; keep the iterate if none does."""
         length, ended = largest, Outcome(SimulationStatus.DIVERGED)
         for _ in range(MOST_HALVINGS):
-            x = iterate.x + length * (target - iterate.x) if length < 1.0 else target
+            x = solved.at(length)
             # With "first" the scale is no longer needed; after a full step it would falsify known gains.
             updating = self.method.gain_updating == "always" and length < 1.0
             outcome = self.simulator.simulate(x, self.simulator.gain_scale(x) if updating else None, checked)
             if isinstance(outcome, Simulated):
-                return length, Iterate(x, outcome, iterate.iteration + 1)
+                return length, Iterate(x, outcome, solved.along.iteration + 1)
             ended = outcome
             self.reporter.say(f"with a step of {length:.3g} the simulation {outcome}; half of it")
             length *= 0.5
@@ -101,13 +91,13 @@ class SecantSteps:
         self._before: Array | None = None
         self._length = 1.0
 
-    def step(self, iterate: Iterate, solved: Solved) -> Step:
+    def step(self, solved: Solved) -> Step:
         """Take a secant step towards the solution, halved if a run ends early or the torque cost rises."""
-        estimated = self.problem.job.selection.estimated
-        ahead = self.problem.base.project(solved.target - iterate.x)[estimated]
-        wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0
-        largest_change = in_sigma(self.problem, solved, solved.target - iterate.x)
-        length, after = self._advance(iterate, solved, wanted, largest_change)
+        ahead = self.problem.job.estimated(solved.target - solved.along.x)
+        late = solved.along.iteration >= 2
+        wanted = self._secant(ahead, inverse(solved.fit.covariance)) if late else 1.0
+        largest_change = self.problem.change_in_sigma(solved)
+        length, after = self._advance(solved, wanted, largest_change)
         self._before, self._length = ahead, length
         return Step(length, 1.0, largest_change, after, wanted)
 
@@ -121,14 +111,15 @@ class SecantSteps:
         return float(np.clip(self._length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
 
     def _advance(
-        self, iterate: Iterate, solved: Solved, length: float, largest_change: float
+        self, solved: Solved, length: float, largest_change: float
     ) -> tuple[float, Iterate | Outcome]:
+        iterate = solved.along
         weights = np.array([solved.fit.weights[joint.start] for joint in solved.system.joints])
         cost = self._cost(iterate.simulated, weights)
         tried: list[tuple[float, float, Iterate]] = []
         ended: Outcome | None = None
         for _ in range(FEWER_HALVINGS + 1):
-            x = iterate.x + length * (solved.target - iterate.x) if length < 1.0 else solved.target
+            x = solved.at(length)
             outcome = self.simulator.simulate(x)
             if isinstance(outcome, Outcome):
                 ended = outcome

@@ -8,24 +8,38 @@ Tested in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ..._tools.arrays import rms
 from ..._tools.words import counted
-from ...loop.outcome import Outcome
+from ...loop.outcome import LARGE_ERROR, Outcome
+from ...model.safe_step import thinned
 from ...regression.consistent.solver import ConsistentSolver
+from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
+from ..builder import Run, fitted
 from ..job import Job, ratio
-from .convergence import SLOW, Path, best_sentence, lost_sentence, rule_sentence, slow_sentence
-from .ending import result_at
+from .convergence import (
+    SLOW,
+    Path,
+    best_sentence,
+    lost_sentence,
+    rule_sentence,
+    slow_sentence,
+    step_sentence,
+    stuck_sentence,
+)
 from .globalisation import Globalisation, SafeSteps, SecantSteps
 from .problem import ConsistentProblem, Problem
 from .settings import DIDIMSettings
-from .slack import Attempts, Loop, run_to_fixed_point
-from .windows import Iterate, Solved, Step
+from .simulator import LogSimulator, RateSimulator
+from .slack import MOST_ATTEMPTS, run_to_fixed_point
+from .windows import Iterate, Solved, Step, motion_record, segments_of
 
 ROUNDING = 1e-10
 """Residual, as a share of the torques, below which it is rounding."""
@@ -50,13 +64,10 @@ class Iterations:
         The current iterate.
     solved : Solved
         The last solution.
-    along : Iterate
-        The iterate along whose motion that was.
     """
 
     iterate: Iterate
     solved: Solved
-    along: Iterate
 
     def __init__(self, problem: Problem, globalisation: Globalisation) -> None:
         self.problem, self.globalisation, self.reporter = problem, globalisation, problem.reporter
@@ -66,7 +77,8 @@ class Iterations:
         self._ending, self._exact = "", False
         self._remarks: list[str] = []
         self._path = Path()
-        self._attempts = Attempts(self.method.max_iterations)
+        # Attempts at the fixed point, and the iterations after the last one before the rule is evaluated again.
+        self._attempts, self._patience = 0, 0
         self._last_norm = float("nan")
         self._lost = 0
 
@@ -74,9 +86,9 @@ class Iterations:
     def of(cls, method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
         """Return the iterations of a job: among robots if its solver is consistent."""
         if isinstance(job.solver, ConsistentSolver):
-            consistent = ConsistentProblem(method, job, job.solver, reporter)
+            consistent = ConsistentProblem(RateSimulator(method, job, reporter), job.solver)
             return cls(consistent, SecantSteps(consistent))
-        problem = Problem(method, job, reporter)
+        problem = Problem(LogSimulator(method, job, reporter))
         return cls(problem, SafeSteps(problem))
 
     def result(self) -> Identification:
@@ -84,7 +96,7 @@ class Iterations:
         self.begin()
         while not self.over:
             self.advance()
-        return self._finish(self.iterate)
+        return self._finish()
 
     def begin(self) -> None:
         """Begin at the start, (17) by default."""
@@ -95,8 +107,8 @@ class Iterations:
         """Take one iteration."""
         system = self.problem.observe(self.iterate)  # Y, and W along the simulated motion, (6)
         solved = self.problem.solve(self.iterate, system)  # (7) and (8)
-        step = self.globalisation.step(self.iterate, solved)  # towards the solution, and simulated there
-        self.iterate = self.stop(self.iterate, solved, step)  # or continue from here
+        step = self.globalisation.step(solved)  # towards the solution, and simulated there
+        self.iterate = self.stop(solved, step)  # or continue from here
 
     def _start(self) -> Iterate:
         """Simulate the start, with smaller time steps if those of the experiment fail."""
@@ -109,18 +121,18 @@ class Iterations:
             raise self.problem.no_start(f"the simulation {simulated}")
         return Iterate(x, simulated, 0)
 
-    def stop(self, iterate: Iterate, solved: Solved, step: Step) -> Iterate:
+    def stop(self, solved: Solved, step: Step) -> Iterate:
         """Record the iteration, and end the run by the stopping rule or the callback; return the current iterate."""
         if isinstance(step.after, Iterate) and step.repeated:
             return step.after
-        self.solved, self.along = solved, iterate
-        self.history.append(self._entry(iterate, solved, step))
+        self.solved = solved
+        self.history.append(self._entry(solved, step))
         stopped = self.reporter.progress(self.history[-1])
         self.over = stopped or len(self.history) >= self.method.max_iterations
         if isinstance(step.after, Outcome):
             self.status, self.over = Status.NO_STEP, True
             self._remarks.append(f"after the shortest step tried the simulation {step.after}")
-            return iterate
+            return solved.along
         after = step.after
         self.status = Status.STOPPED if stopped else Status.NOT_CONVERGED
         self._compare(after)
@@ -131,7 +143,7 @@ class Iterations:
                 return replace(after, simulated=usual)
             self.status = Status.CONVERGED
             if self.over or self.method.stop:
-                return self._settle(after, solved)
+                return self._settle(after)
         return after
 
     def _compare(self, after: Iterate) -> None:
@@ -144,62 +156,101 @@ class Iterations:
             self.over = True
             self._remarks.append(lost_sentence(self._lost, error))
 
-    def _finish(self, iterate: Iterate) -> Identification:
-        """Build the result: the last iterate if the iterations converged, the best one otherwise."""
-        best = self._best
-        if self.status is not Status.CONVERGED:
-            iterate = best
-            self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
-            self.solved = self.problem.solve(best, self.problem.observe(best))
-        self.reporter.say(counted(self.simulator.n_simulations, "simulation"))
-        return result_at(
-            iterate,
-            self.solved,
+    def _finish(self) -> Identification:
+        """Build the result, with the errors of its parameters: the last iterate if the iterations converged, else the best one."""
+        problem, job, simulator, converged = (
             self.problem,
+            self.problem.job,
+            self.simulator,
+            self.status.converged,
+        )
+        if not converged:
+            self.iterate = best = self._best
+            self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
+            self.solved = problem.solve(best, problem.observe(best))
+        self.reporter.say(counted(simulator.n_simulations, "simulation"))
+        point, system, fit = self.iterate, self.solved.system, self.solved.fit
+        # After a shortened step the iterate is not the solution, so the residual is computed again.
+        estimate = job.estimated(point.x)
+        fit = replace(
+            fit,
+            solution=estimate,
+            residual=system.y - system.w @ estimate,
+            standard=None if fit.standard is None else point.x,
+            # (10) is only valid at the minimum.
+            covariance=fit.covariance if converged else np.zeros_like(fit.covariance),
+        )
+        suspected = problem.suspected(system, fit, converged=converged)
+        run = Run(
+            job=job,
+            method=self.method,
             status=self.status,
-            ending=self._ending,
             history=self.history,
-            first_error=self._first_error,
-            remarks=self._remarks,
+            delay=simulator.delay,
+            q=thinned(np.concatenate([motion[0] for motion in point.simulated.motions]), 2000),
+            settings={
+                **problem.record(),
+                "simulated": motion_record(job, simulator.windows, point.simulated),
+            },
+            remarks=[*problem.remarks, *self._remarks, *self._sentences(suspected)],
+            evidence=problem.evidence(suspected, point.simulated.error),
+        )
+        parts = () if job.parameters.n_gains else segments_of(simulator.windows, point.simulated)
+        return replace(
+            fitted(run, system, fit, beta=job.parameters.project(point.x), parts=parts),
+            ending=self._ending,
+            output_error=(self._first_error, point.simulated.error),
+            n_simulations=simulator.n_simulations,
         )
 
-    def _settle(self, iterate: Iterate, solved: Solved) -> Iterate:
+    def _sentences(self, suspected: Sequence[Finding]) -> list[str]:
+        """Return sentences on stuck joints, time steps and the reference."""
+        sentences, simulator, point = [], self.simulator, self.iterate
+        if self.problem.stuck:
+            sentences.append(stuck_sentence(self.problem.stuck))
+        if not simulator.steps_follow_rates:
+            fine, torque = simulator.finer(point.x, point.simulated), point.simulated.motions[0][3]
+            error, size = rms(fine - torque), rms(fine)
+            # With a wrong log no time step is small enough.
+            if not suspected and not np.all(error <= LARGE_ERROR * size):
+                sentences.append(step_sentence(error, size))
+        if getattr(simulator.experiment.reference, "kind", "") == "measured":
+            sentences.append(
+                "the reference is the measured position, not the commanded one: the simulated robot follows it with an error that "
+                "the real one did not have"
+            )
+        return sentences
+
+    def _settle(self, iterate: Iterate) -> Iterate:
         """End the run, in a slack loop at the fixed point; not with instruments or unknown gains, whose iteration differs."""
         self.over = True
         problem, method = self.problem, self.method
         if self._exact or problem.instrumental or problem.base.n_gains:
             return iterate
-        slow = self._path.contraction(solved.std)
-        end, count = run_to_fixed_point(
-            Loop(problem.job, self.simulator.windows, problem.base, problem.solution, problem.conditions),
-            iterate.x,
-            iterate.simulated,
-            slow,
-            self.history,
-            method.max_iterations,
-            self.reporter.progress,
-        )
-        self.simulator.n_simulations += count
+        slow = self._path.contraction(self.solved.std)
+        end = run_to_fixed_point(problem, iterate, slow, self.history)
         if end is None:
             if slow is not None and slow.remaining_largest > SLOW:
                 self._remarks.append(slow_sentence(slow, len(self.history)))
             return iterate
         if not end.reached:
-            self._attempts.failed(len(self.history))
+            self._attempts += 1
+            # The rule is also evaluated at the last iteration, at which the run may have converged.
+            self._patience = min(2 * len(self.history), method.max_iterations)
             rested = self.history[-1].more["largest_change_in_sigma"] <= method.sigma_fraction
-            self.over = rested or self._attempts.exhausted or len(self.history) >= method.max_iterations
+            few = self._attempts < MOST_ATTEMPTS and len(self.history) < method.max_iterations
+            self.over = rested or not few
             if not self.over:
                 self.status = Status.NOT_CONVERGED
                 return iterate
         self.history = end.continued(self.history)
         self._remarks += end.remarks
-        self.solved = replace(solved, system=end.iterate.system, fit=end.iterate.fit)
-        self.along = Iterate(end.iterate.x, end.iterate.simulated, len(self.history))
-        return self.along
+        self.solved = end.solved
+        return end.solved.along
 
-    def _entry(self, iterate: Iterate, solved: Solved, step: Step) -> Iteration:
+    def _entry(self, solved: Solved, step: Step) -> Iteration:
         """Return the entry of the history."""
-        after = step.after
+        iterate, after = solved.along, step.after
         x = after.x if isinstance(after, Iterate) else iterate.x
         norm = float(np.linalg.norm(solved.fit.residual))
         change = ratio(abs(norm - self._last_norm), self._last_norm)
@@ -229,7 +280,7 @@ class Iterations:
         change = entry.more["residual_change"]
         # A diverging robot may have steady residuals, but is further from the log than zero torque.
         sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.held
-        sound = sound and len(self.history) >= self._attempts.patience
+        sound = sound and len(self.history) >= self._patience
         # Without noise the residual, and the sigmas from it, become rounding.
         self._exact = entry.relative_error <= ROUNDING
         steady = change <= method.tolerance and step.largest_change <= self.problem.steady_within

@@ -18,7 +18,7 @@ import numpy as np
 
 import didim._core as _core
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.words import brief, listing
 from ...errors import DidimError, FitError, RankError
 from ...evidence.naming import torque_findings
@@ -38,11 +38,8 @@ from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
 from ...result.finding import Finding
-from ...result.iteration import Reporter
 from ...signal.segments import Segment
-from ..job import Job
-from ..start import FROM_LOG, further_of, standard_start, start_from_log
-from .settings import DIDIMSettings
+from ..start import extended_start, further_of, standard_start
 from .simulability import damping_of, simulable
 from .simulator import LogSimulator, RateSimulator
 from .windows import Iterate, Simulated, Solved, segments_of
@@ -78,16 +75,13 @@ class Problem:
     steady_within = np.inf
     most_lost = np.inf
     conditions: ConstrainedProblem | None = None
-    simulator: LogSimulator
+    contradictions: Sequence[Finding] = ()
 
-    def __init__(self, method: DIDIMSettings, job: Job, reporter: Reporter) -> None:
-        self.method, self.job, self.reporter = method, job, reporter
-        self.robot, self.base = job.robot, job.parameters
+    def __init__(self, simulator: LogSimulator) -> None:
+        self.simulator, self.job = simulator, simulator.job
+        self.method, self.reporter = simulator.method, simulator.reporter
+        self.robot, self.base = self.job.robot, self.job.parameters
         self.stuck: dict[int, str] = {}
-        self.simulator = self._simulator()
-
-    def _simulator(self) -> LogSimulator:
-        return LogSimulator(self.method, self.job, self.reporter)
 
     @cached_property
     def measured(self) -> LinearSystem:
@@ -101,24 +95,13 @@ class Problem:
 
     def start(self) -> Array:
         """Return the standard parameters of the start, with fixed and dropped ones at their values."""
-        start = self.method.chosen_start
-        further: dict[str, float] = {}
-        if isinstance(start, str) and start == "idim-ls":
-            direct = self.simulator.direct()
-            x, further = direct.parameters, further_of(direct)
-        elif isinstance(start, str) and start in FROM_LOG:
-            x = start_from_log(self.job, self.simulator.delay, start)
-        else:
-            x, further = standard_start(self.robot, start), further_of(start)
-        if self.base.n_gains:
-            # Drive gains start from IDIM-LS, because currents give no torques without them.
-            further = {**further_of(self.simulator.direct()), **further}
-        x = self.base.extended(x, further)
+        simulator = self.simulator
+        x = extended_start(self.job, self.method.chosen_start, simulator.direct, lambda: simulator.delay)
         beta = self.base.project(x)
         beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
         x = self.base.lift(beta + self.job.selection.values)
         unloaded = x[: len(self.robot.parameter_names)]
-        smallest = _core.smallest_eigenvalue(self.robot.core, self.simulator.reference_positions(), unloaded)
+        smallest = _core.smallest_eigenvalue(self.robot.core, simulator.reference_positions(), unloaded)
         if smallest is not None and not smallest[1] > 0.0:
             raise self.no_start(
                 f"M(q) is not positive definite on the reference (smallest eigenvalue {smallest[1]:.3g})"
@@ -134,7 +117,7 @@ class Problem:
 
     def observe(self, iterate: Iterate) -> LinearSystem:
         """Return (7): measured torques, and the regressor along the simulated motion or with instruments from it."""
-        parts = self.simulator.segments(iterate.simulated)
+        parts = segments_of(self.simulator.windows, iterate.simulated)
         along = self._about(iterate, self.job.system(parts, self.base.project(iterate.x)))
         if not self.instrumental:
             return along
@@ -149,7 +132,7 @@ class Problem:
         if not n:
             return system
         currents = Currents.of(system, self.job.reduction)
-        values = self.base.project(iterate.x)[self.job.selection.estimated]
+        values = self.job.estimated(iterate.x)
         gains = values[-n:]
         return currents.linearised(values[:-n] if iterate.iteration else currents.parameters(gains), gains)
 
@@ -163,20 +146,25 @@ class Problem:
         Parameters that this motion does not identify, because simulated joints stick in friction, keep the values of the
         iterate. The log is at fault only if the measured motion does not identify them either.
         """
-        job = self.job
         try:
-            fit = self.solution(system)
-            unidentified: tuple[int, ...] = ()
+            return self.solved(iterate, system, self.solution(system))
         except RankError as reason:
             self._blame_log()
-            values = self.base.project(iterate.x)[job.selection.estimated]
+            values = self.job.estimated(iterate.x)
             fit, unidentified = solve_partly(system, self.solution, values, reason.columns)
             self.stuck[iterate.iteration] = listing([system.names[column] for column in unidentified])
-        target = fit.standard
-        if target is None:
-            target = self.base.lift(job.selection.expand(fit.solution))
-        std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
-        return Solved(system, fit, target, std, unidentified)
+            return self.solved(iterate, system, fit, unidentified)
+
+    def solved(self, iterate: Iterate, system: LinearSystem, fit: Fit, held: tuple[int, ...] = ()) -> Solved:
+        """Return the system of an iterate with a solution that holds some columns."""
+        target = self.job.lift(fit.solution) if fit.standard is None else fit.standard
+        std = np.sqrt(np.diag(self.job.selection.expand_covariance(fit.covariance)))
+        return Solved(iterate, system, fit, target, std, held)
+
+    def change_in_sigma(self, solved: Solved) -> float:
+        """Return the largest change of a base parameter towards the solution, in standard deviations."""
+        change = np.abs(self.base.project(solved.target - solved.along.x))
+        return float(quotient(change, solved.std).max(initial=0.0))
 
     def _blame_log(self) -> None:
         """Raise the error on the log, if its measured motion does not identify all parameters either."""
@@ -195,9 +183,9 @@ class Problem:
         return torque_findings(system) if not self.base.n_gains else []
 
     @property
-    def remarks(self) -> Sequence[str]:
-        """Sentences on the problem."""
-        return self.simulator.remarks
+    def remarks(self) -> list[str]:
+        """Sentences on the steps in time, and on contradictions of the torques."""
+        return [*self.simulator.remarks, *(finding.sentence for finding in self.contradictions)]
 
     def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
         """Return the findings against a result."""
@@ -238,9 +226,9 @@ class ConsistentProblem(Problem):
     most_lost = 3
     simulator: RateSimulator
 
-    def __init__(self, method: DIDIMSettings, job: Job, solver: ConsistentSolver, reporter: Reporter) -> None:
-        super().__init__(method, job, reporter)
-        simulator = self.simulator
+    def __init__(self, simulator: RateSimulator, solver: ConsistentSolver) -> None:
+        super().__init__(simulator)
+        job = self.job
         try:
             parts = job.parts("fit", simulator.delay)
         except DidimError:
@@ -262,9 +250,6 @@ class ConsistentProblem(Problem):
         simulator.prepare(experiment, q, damping, self.direct.standard)
         self.contradictions = [*torque_findings(self.measured), *contradiction_findings(diagnosis(direct))]
 
-    def _simulator(self) -> RateSimulator:
-        return RateSimulator(self.method, self.job, self.reporter)
-
     def _references(self) -> list[Segment]:
         windows, motions = self.simulator.windows_of(self.job.experiment), []
         for window in windows:
@@ -284,8 +269,7 @@ class ConsistentProblem(Problem):
         x = self.base.extended(standard_start(self.robot, start), further_of(start))
         # The robot nearest to the start, in the units of the log.
         root = np.asarray(np.linalg.cholesky(inverse(self.direct.covariance)).T, dtype=np.float64)
-        target = self.base.project(x)[self.job.selection.estimated]
-        return self.conditions.solve(root, root @ target).x
+        return self.conditions.solve(root, root @ self.job.estimated(x)).x
 
     def no_start(self, reason: str) -> FitError:
         """Return the error for a start that cannot be simulated."""
@@ -319,11 +303,6 @@ class ConsistentProblem(Problem):
     def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[Finding]:
         """Return the suspected faults of a result's torques, unless already known."""
         return torque_findings(system) if converged and not self.contradictions else []
-
-    @property
-    def remarks(self) -> Sequence[str]:
-        """Return sentences on contradictions of the torques."""
-        return [finding.sentence for finding in self.contradictions]
 
     def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
         """Return the findings against a result."""

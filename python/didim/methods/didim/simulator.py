@@ -5,11 +5,12 @@ Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
 from ..._tools.threads import core_threads
 from ...errors import DidimError
 from ...evidence.naming import torque_findings
@@ -19,12 +20,11 @@ from ...loop.tuning import mean_diagonal
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Reporter
-from ...signal.segments import Segment
 from ..idim_ls import direct_estimate
-from ..job import Job
+from ..job import Job, recordings_of
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, largest_rates
-from .windows import Simulated, Window, checked_positions, segments_of, simulated, windows_of
+from .windows import Simulated, Window, checked_positions, simulated, simulated_all, windows_of
 
 CAREFUL = 2
 """Divisor of the smallest step when a simulation fails; the run is repeated with that uniform step."""
@@ -74,8 +74,7 @@ class LogSimulator:
     @property
     def measured(self) -> bool:
         """Whether every fitted recording has measured positions."""
-        recordings = self.job.experiment.recordings
-        return all(recording.has_positions for recording in recordings if recording.role == "fit")
+        return all(recording.has_positions for _, recording in recordings_of(self.job.experiment))
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window with parameters `x`, (n_parameters,), and scaled gains, (n_dof,).
@@ -97,6 +96,11 @@ class LogSimulator:
         run, count = simulated(self.windows, x, scale)
         self.n_simulations += count
         return run
+
+    def simulate_all(self, candidates: Sequence[Array]) -> list[Simulated | Outcome]:
+        """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
+        self.n_simulations += len(candidates) * len(self.windows)
+        return simulated_all(self.windows, candidates)
 
     def finer(self, x: Array, simulated: Simulated) -> Array:
         """Return the torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
@@ -151,7 +155,7 @@ class LogSimulator:
             return None
         q = self.reference_positions()
         here, real = (self._inertias(parameters, q) for parameters in (x, self.real_parameters()))
-        return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
+        return np.where(here > 0.0, quotient(here, real, 1.0), 1.0)
 
     def _inertias(self, x: Array, q: Array) -> Array:
         """Return the mean diagonal of M(q), (n_dof,)."""
@@ -183,10 +187,6 @@ class LogSimulator:
         except DidimError:
             return []
 
-    def segments(self, found: Simulated) -> list[Segment]:
-        """Return a simulated motion with the measured torques."""
-        return segments_of(self.windows, found)
-
 
 class RateSimulator(LogSimulator):
     """Loops with time steps chosen by the rates of each candidate.
@@ -212,8 +212,8 @@ class RateSimulator(LogSimulator):
     def experiment_at(self, x: Array) -> Experiment:
         """Return the experiment with time steps for the rates of an iterate."""
         settings = self.experiment.simulation
-        fitted = [k for k, recording in enumerate(self.experiment.recordings) if recording.role == "fit"]
-        robots = np.unique([self.job.parameters.standard(x, number) for number in fitted], axis=0)
+        fitted = recordings_of(self.experiment)
+        robots = np.unique([self.job.parameters.standard(x, number) for number, _ in fitted], axis=0)
         coarse, fine = chosen_steps(*largest_rates(self.job.robot, robots, self.q, self.damping), settings)
         return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
 

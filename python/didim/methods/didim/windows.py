@@ -20,7 +20,7 @@ from ...regression.logs.parameters import LogParameters
 from ...signal.align import align
 from ...signal.segments import Segment, kept_samples, place_of
 from ...signal.spikes import without_spikes
-from ..job import Delay, Job, ratio
+from ..job import Delay, Job, ratio, recordings_of
 
 ABREAST = 8
 """Number of candidates that are simulated at once: a few lanes of the core per thread, in bounded memory."""
@@ -81,8 +81,9 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Solved:
-    """The linear system (7) of an iterate with its solution."""
+    """The linear system (7) along the motion of an iterate, with its solution."""
 
+    along: Iterate
     system: LinearSystem
     fit: Fit
     target: Array
@@ -91,6 +92,11 @@ class Solved:
     """Standard deviations of the base parameters, (b,)."""
     held: tuple[int, ...] = ()
     """Columns that the motion does not identify, which keep their values."""
+
+    def at(self, length: float) -> Array:
+        """Return the standard parameters at a share of the way from the iterate to the solution."""
+        x = self.along.x
+        return x + length * (self.target - x) if length < 1.0 else self.target
 
 
 @dataclass(frozen=True)
@@ -121,16 +127,13 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
     FitError
         Without a recording to fit, without torques, or when trimming leaves nothing of a window.
     """
-    experiment = job.experiment
     windows = []
-    for number, recording in enumerate(experiment.recordings):
-        if recording.role != "fit":
-            continue
+    for number, recording in recordings_of(job.experiment):
         torque = recording.driving
         if torque is None:
             raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
         for window, (start, stop) in enumerate(recording.windows):
-            loop = closed_loop(experiment, recording, (start, stop))
+            loop = closed_loop(job.experiment, recording, (start, stop))
             # The torque delay is compensated as in IDIM-LS; the motion is simulated later.
             samples = np.arange(stop - start, dtype=np.float64)[:, None]
             shift = delay.measured(recording.rate_hz) if held else delay.samples
@@ -151,8 +154,6 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
                     drives=None if recording.drives is None else np.array(recording.drives),
                 )
             )
-    if not windows:
-        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return windows
 
 

@@ -21,7 +21,7 @@ from ...model.consistency import places_of
 from ...model.limbs import Limb
 from ...robot.payload import NOTHING, payload_columns
 from ...robot.transmission import SOFTNESS
-from ..job import fitted_recordings
+from ..job import recordings_of
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
@@ -217,7 +217,7 @@ def _of_drive(
         "joint": [((joint,), None, f"{kind}{joint + 1}") for joint in everyone],
         "limb": [(limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],
         "robot": [(everyone, None, kind)],
-        "log": [(everyone, k, f"{kind} {recording.name}") for k, recording in fitted_recordings(experiment)],
+        "log": [(everyone, k, f"{kind} {recording.name}") for k, recording in recordings_of(experiment)],
     }
     columns = []
     for joints, recording, name in groups[unknown.shared]:

@@ -23,7 +23,7 @@ from ...loop.servos import Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
 from ...robot.transmission import SOFTNESS
-from ..job import fitted_recordings
+from ..job import recordings_of
 from .columns import columns_of, file_values
 from .stops import Stop, free_stretches, refuse_little, stops_of
 
@@ -173,8 +173,9 @@ class Problem:
         self.robot, self.limbs = robot, limbs_of(robot)
         self.stops = [*stops_of(experiment, self.limbs, self.values), *self.pushed]
         self.rollouts, self.held_out = self._rollouts("fit", settings), self._rollouts("held-out", settings)
-        fitted = [recording for _, recording in fitted_recordings(experiment)]
-        whole = sum(stop - start for recording in fitted for start, stop in recording.windows)
+        whole = sum(
+            end - begin for _, recording in recordings_of(experiment) for begin, end in recording.windows
+        )
         for limb in self.limbs:
             used = sum(len(rollout.q) for rollout in self.rollouts if rollout.limb is limb)
             refuse_little(experiment, self.stops, limb, used, whole)
@@ -182,9 +183,7 @@ class Problem:
 
     def _rollouts(self, role: str, settings: SimulationSettings) -> list[Rollout]:
         rollouts, fine = [], settings.fine_step_s
-        for number, recording in enumerate(self.experiment.recordings):
-            if recording.role != role:
-                continue
+        for number, recording in recordings_of(self.experiment, role):
             if recording.q_ref is None:
                 raise FitError(
                     f"recording '{recording.name}' has no commanded positions: [recording.reference]"

@@ -13,7 +13,7 @@ from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...result.finding import Finding, worded
 from ...signal.noise import encoder_noise
-from ..job import fitted_recordings
+from ..job import recordings_of
 from .knowledge import by_sentence, unidentified, where_of, widening
 from .problem import Problem
 from .search import Search, begun
@@ -69,7 +69,7 @@ def _shares(now: Search) -> Array:
     problem, (a, _) = now.problem, now.normal()
     use = now.used(a)
     f, _ = widening(a, use)
-    _, recording = fitted_recordings(problem.experiment)[0]
+    _, recording = recordings_of(problem.experiment)[0]
     noise = encoder_noise(recording.q)
     lasting = MODEL_ERROR**2 * max(1.0, LASTS_S * recording.rate_hz)
     error = np.sqrt([np.mean(noise[list(problem.columns[k].joints)] ** 2) + lasting for k in use])
