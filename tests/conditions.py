@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from didim import Robot
 from didim.model.consistency import Cone, link_cones
 from didim.model.drive_cones import Drives, friction_cones, rotor_cones
+from didim.regression.consistent.problem import ConstrainedProblem
 
 Array = NDArray[np.float64]
 
@@ -58,3 +59,13 @@ def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVAL
             smallest = float(np.linalg.eigvalsh(condition.at(x))[0])
             found.append(f"{condition.label} (smallest eigenvalue {smallest:.3g})")
     return found
+
+
+def multipliers(problem: ConstrainedProblem, rows: Array, right: Array) -> list[Array]:
+    """Return ``Z`` of each condition at the solution, (m, m): ``F Z = weight I``; an empty array of one without unknowns."""
+    found = problem._solved(rows, right[None], 1).multipliers(0)
+    orders = [len(condition.constant) for condition in problem.conditions]
+    return [
+        np.reshape(values, (order, order) if values else 0)
+        for values, order in zip(found, orders, strict=True)
+    ]

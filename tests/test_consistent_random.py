@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import didim
-from conditions import smallest_of
+from conditions import multipliers, smallest_of
 from didim import Robot
 from didim.model.drive_cones import Drives, simulable_cones
 from didim.model.dynamics import inertia_matrix
@@ -103,15 +103,16 @@ def problem_of(
 
 
 def optimality(
-    problem: ConstrainedProblem, a: Array, right: Array, solved: Constrained
+    problem: ConstrainedProblem, root: Array, right: Array, solved: Constrained
 ) -> tuple[float, float]:
     """Violations of the optimality conditions by the multipliers: ``F Z = weight I`` (nats), and the gradient of the Lagrangian.
 
     The gradient is in units of the curvature of each parameter (root of nats).
     """
+    a = root @ problem.matrix
     residual = a.T @ (a @ solved.x - right)
     curvature, complementarity = np.sum(a**2, axis=0), 0.0
-    for condition, multiplier in zip(problem.conditions, solved.multipliers, strict=True):
+    for condition, multiplier in zip(problem.conditions, multipliers(problem, root, right), strict=True):
         weight, slope = max(condition.weight, LEAST_WEIGHT), np.eye(len(multiplier))
         if condition.slope is not None and condition.weight >= LEAST_WEIGHT:
             slope = condition.slope
@@ -142,7 +143,7 @@ def test_solutions_are_robots_and_optimal(robot: Robot, seed: int, gamma: float,
     q = rng.uniform(-np.pi, np.pi, (20, robot.n_dof))
     masses = np.linalg.eigvalsh(inertia_matrix(robot, q, solved.x))
     assert np.all(masses[:, 0] > -1e-9 * masses[:, -1])
-    complementarity, stationarity = optimality(problem, root @ problem.matrix, right, solved)
+    complementarity, stationarity = optimality(problem, root, right, solved)
     assert complementarity <= 1e-8
     assert stationarity <= 1e-8
     a = root @ problem.matrix

@@ -236,7 +236,7 @@ class Held:
         # The first is the solution, then those of the priors of half and of twice the size.
         return stub(x=np.array([(0.0, -self._moved, self._moved)[self._solved - 1]]), half_distance=0.0)
 
-    def solve_many(self, root: Array, rights: Array, threads: int) -> list[Any]:
+    def solve_many(self, root: Array, rights: Array) -> list[Any]:
         self.drawn.append(len(rights))
         values = np.where(np.arange(len(rights)) % 2 == 0, 1.0, -1.0)
         values *= np.sqrt((len(rights) - 1) / len(rights))

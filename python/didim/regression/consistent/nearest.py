@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, unit_diagonal
 from ...errors import FitError
 from ...robot.robot import Robot
 from ..selection import Selection
@@ -145,8 +145,7 @@ def nearest_robot(
         freedom = max(degrees_of_freedom, LEAST_FREEDOM)
         noise /= np.sqrt(random.chisquare(freedom, (draws, 1)) / freedom)
         shrink = (freedom - 2.0) / freedom
-    # Two threads; the result does not depend on them.
-    drawn = np.array([draw.x for draw in problem.solve_many(root, right + noise, 2)])
+    drawn = np.array([draw.x for draw in problem.solve_many(root, right + noise)])
     spread = np.sqrt(shrink) * drawn.std(axis=0, ddof=1)
     others = []
     for factor in OTHER_PRIORS:
@@ -180,13 +179,13 @@ def root_of(covariance: Array) -> Array:
     FitError
         Without standard deviations, and for a covariance that is not positive definite.
     """
-    std = np.sqrt(np.diag(covariance))
-    if not (np.isfinite(covariance).all() and (std > 0.0).all()):
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
         raise FitError(
             "the estimate has no standard deviations, so the nearest robot is undefined: let the method converge first"
         )
     try:
-        root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std))) / std
+        scaled, std = unit_diagonal(covariance)
+        root = np.linalg.inv(np.linalg.cholesky(scaled)) / std
     except np.linalg.LinAlgError:
         raise FitError("the covariance of the estimate is not positive definite") from None
     return np.asarray(root, dtype=np.float64)

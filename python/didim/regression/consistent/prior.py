@@ -19,7 +19,7 @@ from ...model.drive_cones import FREE
 from ...robot.placement import carriers
 from ...robot.rigid_body import INERTIAL, ten_parameters
 from ...robot.robot import Geometry, Robot
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 from ..selection import Selection
 
 GAMMA = 1e-2
@@ -127,11 +127,10 @@ def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) 
     body = w @ (matrix @ np.where(inertial, x, 0.0))
     drives = w @ matrix[:, np.logical_not(inertial)]
     drives = drives[:, np.any(drives != 0.0, axis=0)]
-    columns = np.column_stack([body, drives, further])
-    sizes = np.linalg.norm(columns, axis=0)
-    if not sizes[0] > 0.0:
+    if not body.any():
         return DEFAULT_MASS
-    solution = np.linalg.lstsq(columns / np.where(sizes > 0.0, sizes, 1.0), system.y, rcond=1e-10)[0]
+    columns, sizes = unit_columns(np.column_stack([body, drives, further]))
+    solution = np.linalg.lstsq(columns, system.y, rcond=1e-10)[0]
     return float(max(solution[0] / sizes[0], LEAST_MASS))
 
 

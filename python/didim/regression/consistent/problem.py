@@ -15,7 +15,7 @@ import numpy as np
 
 import didim._core as _core
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, unit_diagonal
 from ...errors import FitError
 from ...model.consistency import Cone, link_cones
 from ...model.drive_cones import Drives, friction_cones, rotor_cones, simulable_cones
@@ -73,16 +73,12 @@ class Constrained:
         "solved", "stalled" or "limit".
     iterations : int
         Number of Newton systems.
-    multipliers : tuple of (m, m) arrays
-        ``Z`` of each of `ConstrainedProblem.conditions`, for a single solution: ``F Z = weight I``. A condition without
-        unknowns, such as one on dropped parameters, has none: an empty array.
     """
 
     x: Array
     half_distance: float
     ending: str
     iterations: int
-    multipliers: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,31 +201,11 @@ class ConstrainedProblem:
         FitError
             When no parameters meet the conditions; the sentence names one of them.
         """
-        solved = self._solved(rows, right[None], threads=1)
-        orders = [len(condition.constant) for condition in self.conditions]
-        multipliers = tuple(
-            np.reshape(values, (order, order) if values else 0)
-            for values, order in zip(solved.multipliers(0), orders, strict=True)
-        )
-        return replace(self._found(solved, rows, right[None])[0], multipliers=multipliers)
+        return self.solve_many(rows, right[None], threads=1)[0]
 
     def solve_many(self, rows: Array, right: Array, threads: int = 2) -> list[Constrained]:
         """Solve for several right sides (m, r), on threads of the core; the result does not depend on their number."""
-        return self._found(self._solved(rows, right, threads), rows, right)
-
-    def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
-        p, b = len(self.unknowns), len(self.selection.roles)
-        a = np.zeros((len(rows), p))
-        a[:, [p - b + index for index in self.selection.estimated]] = rows
-        base = _beside(self.robot.base_parameters.matrix, self._n_further)
-        start = np.append(self.start[self._regrouped], base @ self.start)
-        try:
-            return self._problem.solve(a, np.ascontiguousarray(right), start, threads)
-        except ValueError as reason:
-            raise FitError(f"robot {self.robot.name!r}: {reason}") from None
-
-    def _found(self, solved: _core.ConsistentSolutions, rows: Array, right: Array) -> list[Constrained]:
-        solutions = []
+        solved, solutions = self._solved(rows, right, threads), []
         for u, z, (ending, broken), iterations in zip(
             solved.x, right, solved.endings, solved.iterations, strict=True
         ):
@@ -243,6 +219,17 @@ class ConstrainedProblem:
             solutions.append(Constrained(x, 0.5 * float(error @ error), ending, iterations))
         return solutions
 
+    def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
+        p, b = len(self.unknowns), len(self.selection.roles)
+        a = np.zeros((len(rows), p))
+        a[:, [p - b + index for index in self.selection.estimated]] = rows
+        base = _beside(self.robot.base_parameters.matrix, self._n_further)
+        start = np.append(self.start[self._regrouped], base @ self.start)
+        try:
+            return self._problem.solve(a, np.ascontiguousarray(right), start, threads)
+        except ValueError as reason:
+            raise FitError(f"robot {self.robot.name!r}: {reason}") from None
+
     def covariance(self, rows: Array, x: Array) -> Array:
         """Return the covariance of the standard parameters by the curvature of log and prior at ``x``, (p, p).
 
@@ -253,9 +240,8 @@ class ConstrainedProblem:
         columns = self.unknowns[:, free]
         curvature = columns.T @ self.marginal(x) @ columns
         curvature[p - b :, p - b :] += rows.T @ rows
-        sizes = np.sqrt(np.diag(curvature))
-        sizes = np.where(sizes > 0.0, sizes, 1.0)
-        values, vectors = np.linalg.eigh(curvature / np.outer(sizes, sizes))
+        scaled, sizes = unit_diagonal(curvature)
+        values, vectors = np.linalg.eigh(scaled)
         root = (columns / sizes) @ (vectors / np.sqrt(np.maximum(values, CURVATURE_ROUNDING * values[-1])))
         return np.asarray(root @ root.T)
 

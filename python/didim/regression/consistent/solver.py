@@ -18,7 +18,7 @@ from ...errors import FitError
 from ...robot.robot import Robot
 from ..covariance import autocorrelated, covariance
 from ..fit import Fit, Progress
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 from ..logs.parameters import LogParameters
 from ..selection import Selection
 from ..settings import LeastSquaresSettings
@@ -177,10 +177,8 @@ class ConsistentSolver:
 
 def _plain(w: Array, y: Array) -> Array:
     """Return the solution of least squares, even for dependent columns."""
-    sizes = np.linalg.norm(w, axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
-    solution = np.linalg.lstsq(w / sizes, y, rcond=UNIDENTIFIED_SINGULAR_VALUE)[0] / sizes
-    return np.asarray(solution, dtype=np.float64)
+    units, sizes = unit_columns(w)
+    return np.asarray(np.linalg.lstsq(units, y, rcond=UNIDENTIFIED_SINGULAR_VALUE)[0] / sizes)
 
 
 def gamma_of(system: LinearSystem) -> float:
@@ -211,10 +209,8 @@ def triangle_of(w: Array, y: Array) -> tuple[Array, Array]:
 
 def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
     """Return ``R^-1``, completed by the prior for combinations that the log does not identify."""
-    sizes = np.linalg.norm(triangle, axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
     if triangle.shape[0] == triangle.shape[1]:
-        singular = np.linalg.svd(triangle / sizes, compute_uv=False)
+        singular = np.linalg.svd(unit_columns(triangle)[0], compute_uv=False)
         if singular[-1] > UNIDENTIFIED_SINGULAR_VALUE * singular[0]:
             return np.asarray(np.linalg.inv(triangle))
     # Covariance of the standard parameters by log and prior together, seen in the base parameters.
