@@ -116,13 +116,13 @@ def optimality(
         weight, slope = max(condition.weight, LEAST_WEIGHT), np.eye(len(multiplier))
         if condition.slope is not None and condition.weight >= LEAST_WEIGHT:
             slope = condition.slope
-        root = np.linalg.cholesky(condition.at(solved.x))
-        products = np.linalg.eigvalsh(root.T @ multiplier @ root)
+        factor = np.linalg.cholesky(condition.at(solved.x))
+        products = np.linalg.eigvalsh(factor.T @ multiplier @ factor)
         assert products.min() > 0.0
         complementarity = max(complementarity, float(np.abs(products - weight).max()))
         places = list(condition.indices)
         residual[places] += np.tensordot(condition.basis, weight * slope - multiplier, 2)
-        scaled = np.linalg.solve(root, condition.basis) @ np.linalg.cholesky(multiplier)
+        scaled = np.linalg.solve(factor, condition.basis) @ np.linalg.cholesky(multiplier)
         curvature[places] += np.sum(scaled**2, axis=(1, 2))
     return complementarity, float(np.max(np.abs(residual) / np.sqrt(curvature)))
 

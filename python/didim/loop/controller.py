@@ -132,7 +132,7 @@ class Controller(Pickled, Brief):
         ControllerError
             For wrong lengths or numbers.
         """
-        return cls.pid(
+        made = cls.pid(
             kp,
             kv,
             0.0,
@@ -141,7 +141,8 @@ class Controller(Pickled, Brief):
             gain=gain,
             saturation=saturation,
             digital=digital,
-        )._named("pd")
+        )
+        return replace(made, kind="pd")
 
     @classmethod
     def pid(
@@ -160,11 +161,10 @@ class Controller(Pickled, Brief):
 
         The integral is stopped while it would drive a saturated output further (anti-windup).
         """
-        columns = _columns(
+        p, d, i, a, w = _columns(
             kp=kp, kv=kv, ki=ki, acceleration=acceleration, reference_velocity=reference_velocity
         )
-        one = np.ones(len(columns[0]))
-        p, d, i, a, w = columns
+        one = np.ones(len(p))
         return cls._checked("pid", [p, d, i, a, w, one, 0.0 * one], gain, saturation, digital)
 
     @classmethod
@@ -314,9 +314,6 @@ class Controller(Pickled, Brief):
             digital = (d.sample_time_s, d.delay_samples, d.smoothing, resolution)
         with CoreErrorsAs(ControllerError):
             return _core.Controller(rows, digital, self.feedforward)
-
-    def _named(self, kind: str) -> Controller:
-        return replace(self, kind=kind)
 
     @classmethod
     def _checked(

@@ -70,18 +70,15 @@ class ControllerMemory:
             values = real_array(key, given, SimulationError)
             if not np.isfinite(values).all():
                 raise SimulationError(f"{key} of a controller's memory must be finite, got {values.tolist()}")
-            if key == "values":
-                if values.ndim != 1:
-                    raise SimulationError(
-                        f"values of a controller's memory must be a list, one per joint, got {given!r}"
-                    )
-                object.__setattr__(self, key, tuple(values.tolist()))
-            else:
-                if values.ndim != 2:
-                    raise SimulationError(
-                        f"{key} of a controller's memory need one column per joint, got shape {values.shape}"
-                    )
-                object.__setattr__(self, key, values)
+            if key == "values" and values.ndim != 1:
+                raise SimulationError(
+                    f"values of a controller's memory must be a list, one per joint, got {given!r}"
+                )
+            if key != "values" and values.ndim != 2:
+                raise SimulationError(
+                    f"{key} of a controller's memory need one column per joint, got shape {values.shape}"
+                )
+            object.__setattr__(self, key, tuple(values.tolist()) if key == "values" else values)
 
     def checked(self, controller: Controller) -> ControllerMemory:
         """Return itself, if it fits a controller.

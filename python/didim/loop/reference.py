@@ -231,16 +231,16 @@ class Reference(Brief):
         ReferenceError
             For wrong shapes or numbers.
         """
-        limits = [
-            np.atleast_1d(real_array(name, value, ReferenceError))
-            for name, value in (
-                ("max_position", max_position),
-                ("max_velocity", max_velocity),
-                ("max_acceleration", max_acceleration),
-            )
-        ]
-        n = max(limit.size for limit in limits)
-        for name, limit in zip(("max_position", "max_velocity", "max_acceleration"), limits, strict=True):
+        asked = {
+            "max_position": max_position,
+            "max_velocity": max_velocity,
+            "max_acceleration": max_acceleration,
+        }
+        limits = {
+            name: np.atleast_1d(real_array(name, value, ReferenceError)) for name, value in asked.items()
+        }
+        n = max(limit.size for limit in limits.values())
+        for name, limit in limits.items():
             if limit.shape not in ((n,), (1,)):
                 raise ReferenceError(f"{name} needs {n} numbers, one per joint, got {limit.size}")
             if not (limit > 0.0).all():
@@ -261,7 +261,7 @@ class Reference(Brief):
         with np.errstate(
             divide="ignore", over="ignore"
         ):  # with a very long period only the positions are scaled
-            scale = np.min([limit / peak for limit, peak in zip(limits, peaks, strict=True)], axis=0)
+            scale = np.min([limit / peak for limit, peak in zip(limits.values(), peaks, strict=True)], axis=0)
         return cls.fourier(
             sine * scale, cosine * scale, period_s=period_s, offset=offset, duration_s=duration_s
         )

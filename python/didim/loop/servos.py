@@ -91,9 +91,9 @@ class Servos:
         Encoder reading less joint position.
     q, dq : array
         Encoder readings at time 0, and velocities.
-    softness : array, optional
+    softness : array or float
         Slope k (kg.m^2 or kg) of friction ``-k (ddq + b dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
-    rate : array, optional
+    rate : array or float
         Rate b (1/s) of that friction.
     lead_s : float
         Inertia that a servo adds while it saturates, over kv (s): minus half a step for a simulator that takes kv implicitly.
@@ -107,8 +107,8 @@ class Servos:
     bias_rad: Array
     q: Array
     dq: Array
-    softness: Array | None = None
-    rate: Array | None = None
+    softness: Array | float = 0.0
+    rate: Array | float = 0.0
     lead_s: float = 0.0
 
 
@@ -138,7 +138,6 @@ class ServoLoop:
         step_s: float,
         fine_step_s: float,
         integrator: str = "rk4",
-        divergence: float = 100.0,
     ) -> None:
         self.robot, self.held, n = robot, reference, robot.n_dof
         rate = reference.rate_hz
@@ -151,7 +150,6 @@ class ServoLoop:
             "step": step_s,
             "fine_step": fine_step_s,
             "integrator": integrator,
-            "divergence": divergence,
         }
         self._loops: dict[tuple[float, ...], ClosedLoop] = {}
 
@@ -190,20 +188,14 @@ class ServoLoop:
         n = self.robot.n_dof
         targets = np.concatenate([self.held.means(edges, row[:n], row[n:]) for row in kinds])
         b = servos.bias_rad
-        limit = np.minimum(servos.saturation, NO_LIMIT)
-        soft = np.zeros_like(b) if servos.softness is None else servos.softness
-        rate = soft if servos.rate is None else servos.rate
-        lead = np.full_like(b, servos.lead_s)
         rows = [
             servos.kp,
             servos.kv,
-            limit,
+            np.minimum(servos.saturation, NO_LIMIT),
             b,
             servos.q - b,
             servos.dq,
-            soft,
-            rate,
-            lead,
+            *(np.broadcast_to(each, b.shape) for each in (servos.softness, servos.rate, servos.lead_s)),
             number.reshape(-1, 1),
         ]
         with CoreErrorsAs(SimulationError):

@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from .._tools.version import __version__
 from ..evidence.physics import physical_findings
 from ..evidence.whiteness import whiteness, whiteness_findings
@@ -35,7 +35,7 @@ from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
 from ..signal.segments import Segment
-from .job import Delay, Job, ratio, ratios, recordings_of
+from .job import Delay, Job, ratio, recordings_of
 from .method import Described
 from .position_errors import position_shift
 from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
@@ -56,30 +56,18 @@ class TorqueErrors:
         Norm of the error of each joint (N.m or N).
     torques : (n_dof,) array
         Norm of the measured torque of each joint (N.m or N).
-    norm, torque : float
-        The same of all joints together.
     n_rows : int
         Rows of all joints.
     """
 
     norms: Array
     torques: Array
-    norm: float
-    torque: float
     n_rows: int
 
-    @classmethod
-    def of(cls, system: LinearSystem, residual: Array) -> TorqueErrors:
-        """Return the errors on the rows of a linear system."""
-        measured = system.measured
-        norm, torque = (float(np.linalg.norm(rows)) for rows in (residual, measured))
-        return cls(system.norms(residual), system.norms(measured), norm, torque, system.y.size)
-
-    @classmethod
-    def of_squares(cls, errors: Array, torques: Array, n_rows: int) -> TorqueErrors:
-        """Return the errors from the sums of squares of each joint, (n_dof,)."""
-        norm, torque = (float(np.sqrt(squares.sum())) for squares in (errors, torques))
-        return cls(np.sqrt(errors), np.sqrt(torques), norm, torque, n_rows)
+    @property
+    def relative(self) -> Array:
+        """Norm of the error over that of the torque of each joint, (n_dof,); NaN without torques."""
+        return quotient(self.norms, self.torques, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,11 +103,10 @@ def identification(
     run: Run,
     *,
     beta: Array,
-    covariance: Array,
+    spread: Spread,
     errors: TorqueErrors,
     condition_number: float,
     held_out: bool = True,
-    uncertainty: Uncertainty | None = None,
     standard: Array | None = None,
 ) -> Identification:
     """Build the result of a run.
@@ -130,23 +117,21 @@ def identification(
         End of the run.
     beta : (b,) array
         All base parameters, fixed ones included, then the further parameters of the logs.
-    covariance : (n_estimated, n_estimated) array
-        Covariance of the estimated parameters.
+    spread : Spread
+        Covariance of the estimated parameters, and its source, to which the residuals of the joints are added here.
     errors : TorqueErrors
         Errors of the torques on the rows of the fit.
     condition_number : float
         Condition number of the columns.
     held_out : bool
         Whether held-out recordings have torques for comparison.
-    uncertainty : Uncertainty, optional
-        Source of `covariance`; the residuals of the joints are added here.
     standard : (n_parameters,) array, optional
         Physically consistent standard parameters, optionally followed by those of the logs; by default beta lifted.
     """
     job, method = run.job, run.method
     robot = job.robot
-    full = job.selection.expand_covariance(covariance)
-    b = job.parameters.n_base
+    full, uncertainty = job.selection.expand_covariance(spread.covariance), spread.uncertainty
+    b, norm = job.parameters.n_base, float(np.linalg.norm(errors.norms))
     further = None
     if not job.parameters.simple:
         uncertainty, further = _split(job, beta, full, uncertainty)
@@ -169,10 +154,10 @@ def identification(
         parameters=robot.base_parameters.lift(beta[:b])
         if standard is None
         else standard[: len(robot.parameter_names)],
-        relative_error=ratios(errors.norms, errors.torques),
-        overall_relative_error=ratio(errors.norm, errors.torque),
-        error_norm=errors.norm,
-        error_std=errors.norm / float(np.sqrt(freedom)),
+        relative_error=errors.relative,
+        overall_relative_error=ratio(norm, np.linalg.norm(errors.torques)),
+        error_norm=norm,
+        error_std=norm / float(np.sqrt(freedom)),
         condition_number=condition_number,
         n_rows=errors.n_rows,
         uncertainty=uncertainty,
@@ -243,10 +228,10 @@ def fitted(
     spread = spread_of_fit(system, fit, job.settings, job.selection)
     if parts and converged:
         spread = _with_model_errors(run, system, fit, parts, spread)
-    errors = TorqueErrors.of(system, fit.residual)
+    errors = TorqueErrors(system.norms(fit.residual), system.norms(system.measured), system.y.size)
     lasting = whiteness_findings(
         whiteness(fit.residual, system.blocks, len(system.joints)),
-        ratios(errors.norms, errors.torques),
+        errors.relative,
         spread.uncertainty,
         np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
     )
@@ -262,10 +247,9 @@ def fitted(
     return identification(
         run,
         beta=job.selection.expand(fit.solution) if beta is None else beta,
-        covariance=spread.covariance,
+        spread=spread,
         errors=errors,
         condition_number=fit.condition_number,
-        uncertainty=spread.uncertainty,
         standard=fit.standard,
     )
 
@@ -300,16 +284,12 @@ def _with_model_errors(
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     """Return the differences of recordings that share offsets or friction."""
     own = {key for _, recording in recordings_of(job.experiment) for key in recording.own}
-    kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
-        ("offset", "offsets"),
-        ("friction", "friction"),
-    )
-    return [
-        recording
-        for kind, key in kinds
-        if key not in own
-        for recording in differences(system, fit, kind, job.settings.blocks)
-    ]
+    moved = []
+    if "offsets" not in own:
+        moved += differences(system, fit, "offset", job.settings.blocks)
+    if "friction" not in own:
+        moved += differences(system, fit, "friction", job.settings.blocks)
+    return moved
 
 
 def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
@@ -372,12 +352,13 @@ def load_finding(load: Load, text: str, recording: str = "") -> Finding:
 
 def record(job: Job, **more: Any) -> dict[str, Any]:
     """Return settings and recordings of a run as JSON data (lists instead of tuples)."""
+    setting = job.delay_setting
     return experiment_record(
         job.experiment,
         job.robot,
         signal=asdict(job.signal),
         least_squares=asdict(job.settings),
-        delay={"compensate_samples": delay_asked(job)},
+        delay={"compensate_samples": setting.samples if isinstance(setting, Delay) else setting},
         fixed=dict(job.fixed),
         dropped=job.dropped,
         **more,
@@ -416,12 +397,6 @@ def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict
     return restored
 
 
-def delay_asked(job: Job) -> object:
-    """Return the setting of the delay as JSON data."""
-    setting = job.delay_setting
-    return setting.samples if isinstance(setting, Delay) else setting
-
-
 def solved_status(fit: Fit) -> Status:
     """Return the status of a single least-squares problem."""
     if fit.stopped:
@@ -433,7 +408,5 @@ def solved_status(fit: Fit) -> Status:
 
 def digests(experiment: Experiment) -> dict[str, str]:
     """Return the digests of all files of an experiment."""
-    digests_of_fit = dict(experiment.digests)
-    for recording in experiment.recordings:
-        digests_of_fit |= {f"data {file}": digest for file, digest in recording.digests.items()}
-    return digests_of_fit
+    data = (item for recording in experiment.recordings for item in recording.digests.items())
+    return {**experiment.digests, **{f"data {file}": digest for file, digest in data}}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -93,8 +93,7 @@ def direct_estimate(
 
     `compensate_samples` is the delay of the other run.
     """
-    shared = {setting.name for setting in fields(MethodSettings)} - {"friction"} | {"weights", "reweightings"}
-    settings: dict[str, Any] = {name: getattr(method, name, None) for name in shared}
+    settings = {**method.shared, **{key: getattr(method, key, None) for key in ("weights", "reweightings")}}
     if compensate_samples is not None:
         settings["compensate_samples"] = compensate_samples
     direct = IDIMLS(solver=method.chosen_solver(), **settings)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import FitError, SignalError
 from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
@@ -64,8 +64,8 @@ class Delay:
 
     def record(self) -> dict[str, Any]:
         """Return the record of the delay for a result."""
-        several = isinstance(self.samples, tuple)
-        record: dict[str, Any] = {"compensated_samples": list(self.samples) if several else self.samples}  # type: ignore[arg-type]
+        samples = list(self.samples) if isinstance(self.samples, tuple) else self.samples
+        record: dict[str, Any] = {"compensated_samples": samples}
         if self.hold_s:
             record["hold_s"] = self.hold_s
         if self.estimate is not None:
@@ -222,24 +222,22 @@ class Job:
     def estimate_delay(self) -> DelayEstimate:
         """Estimate the delay of the torque, with the cut-off that explains the log best."""
         cutoff = self.signal.cutoff_hz
-        rate = min(recording.rate_hz for recording in self.experiment.recordings)
-        estimates: list[tuple[float, DelayEstimate]] = []
-        failure: FitError | SignalError | None = None
+        most = LARGEST_CUTOFF * min(recording.rate_hz for recording in self.experiment.recordings)
+        signals = [self.signal]
+        if cutoff is not None:
+            cutoffs = [factor * cutoff for factor in CUTOFFS if factor <= 1.0 or factor * cutoff <= most]
+            signals = [replace(self.signal, cutoff_hz=each) for each in cutoffs]
+        estimates: list[tuple[DelayEstimate, float]] = []
+        failures: list[FitError | SignalError] = []
         moved: Moved = {}  # the torques are not filtered, so their rows do not depend on the cut-off
-        for factor in CUTOFFS if cutoff is not None else (1.0,):
-            if cutoff is not None and factor > 1.0 and factor * cutoff > LARGEST_CUTOFF * rate:
-                continue
-            signal = replace(self.signal, cutoff_hz=None if cutoff is None else factor * cutoff)
+        for signal in signals:
             try:
-                estimate, misfit = replace(self, signal=signal)._estimated_delay(moved)
+                estimates.append(replace(self, signal=signal)._estimated_delay(moved))
             except (FitError, SignalError) as error:
-                failure = failure or error
-                continue
-            estimates.append((misfit, estimate))
+                failures.append(error)
         if not estimates:
-            assert failure is not None
-            raise failure
-        return min(estimates, key=lambda estimate: estimate[0])[1]
+            raise failures[0]
+        return min(estimates, key=lambda estimate: estimate[1])[0]
 
     def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
         # The delays have standard deviations of their own.
@@ -289,9 +287,9 @@ class Job:
             by_recording.append(
                 HeldOut(
                     name=recording.name,
-                    relative_error=tuple(float(value) for value in ratios(errors, torques)),
+                    relative_error=tuple(quotient(errors, torques, np.nan).tolist()),
                     overall_relative_error=ratio(np.linalg.norm(errors), np.linalg.norm(torques)),
-                    error_rms=tuple(float(value) for value in errors / np.sqrt(max(1, n_rows))),
+                    error_rms=tuple((errors / np.sqrt(max(1, n_rows))).tolist()),
                 )
             )
         return by_recording
@@ -328,8 +326,3 @@ def sample_time_s(experiment: Experiment) -> float:
 def ratio(part: float | np.floating, whole: float | np.floating) -> float:
     """Return part over whole; NaN without a whole."""
     return float(part / whole) if whole > 0.0 else float("nan")
-
-
-def ratios(parts: Array, wholes: Array) -> Array:
-    """Return `ratio` of each pair."""
-    return np.array([ratio(part, whole) for part, whole in zip(parts, wholes, strict=True)])

@@ -27,14 +27,10 @@ def measured_along(
     The last of the rows that the run has `made` are not computed again where they are the same.
     None without positions, torques or drive gains, and for settings other than those of IDIM-LS.
     """
-    asked = method if isinstance(method, MethodSettings) else None
+    asked = method.shared if isinstance(method, MethodSettings) else {}
+    same = {key: asked.get(key) for key in ("signal", "fixed", "dropped")}
     try:
-        job = IDIMLS(
-            signal=None if asked is None else asked.signal,
-            fixed=None if asked is None else asked.fixed,
-            dropped=None if asked is None else asked.dropped,
-            compensate_samples=Delay.recorded(fit.delay),
-        ).job(experiment)
+        job = IDIMLS(**same, compensate_samples=Delay.recorded(fit.delay)).job(experiment)
         if job.parameters.n_gains:
             return None
         delay = job.declared_delay

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol, Self
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal, Protocol, Self
 
 from ..errors import FitError
 from ..experiment.experiment import Experiment
@@ -113,6 +113,12 @@ class MethodSettings:
         if self.dropped is not None:
             object.__setattr__(self, "dropped", dropped_names(self.dropped))
 
+    @property
+    def shared(self) -> dict[str, Any]:
+        """Settings of all methods by name, but the choice of friction terms, which a run makes once."""
+        names = {setting.name for setting in fields(MethodSettings)} - {"friction"}
+        return {name: getattr(self, name) for name in names}
+
     def least_squares(self, default: LeastSquaresSettings) -> LeastSquaresSettings:
         """Return the settings of least squares, with those of an experiment as defaults."""
         given = {key: getattr(self, key, None) for key in LeastSquaresSettings.__dataclass_fields__}
@@ -211,7 +217,7 @@ class FitSettings(MethodSettings):
         super().__post_init__()
         if self.solver is not None:
             check_solver(self.solver)
-        if self.physical not in (None, True, False) or not isinstance(self.physical, bool | None):
+        if not isinstance(self.physical, bool | None):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
         if self.physical is not None and self.solver is not None:
             raise FitError(

@@ -120,9 +120,7 @@ def _by_steps(
     }
     if not seen:
         return np.zeros_like(fit.solution)
-    beta = job.selection.expand(fit.solution)
-    x = job.parameters.lift(beta)
-    rounded = []
+    x, rounded = job.lift(fit.solution), []
     for part in parts:
         standard = job.parameters.standard(x, part.recording)
         if part.recording in seen:
@@ -132,7 +130,7 @@ def _by_steps(
                 job.robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature
             )
             rounded.append(replace(part, tau=tau))
-    base = beta[: job.parameters.n_base]
+    base = job.selection.expand(fit.solution)[: job.parameters.n_base]
     system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
     error, change = system.residual(fit.solution) * fit.weights, np.zeros_like(fit.solution)
     for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):

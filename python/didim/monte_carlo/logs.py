@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from ..errors import StudyError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import read_experiment
 from ..experiment.loop import closed_loop
 from ..experiment.specs import ReferenceSpec
 from ..log.recording import Recording
-from ..methods.job import ratio, ratios
+from ..methods.job import ratio
 from ..model.dynamics import inverse_dynamics
 from ..robot.robot import Robot
 from ..robot.robot_file import read_robot
@@ -117,8 +117,8 @@ class Model:
             return float("nan"), np.full(n, np.nan)
         q, dq, ddq, tau = self.other
         error = inverse_dynamics(self.experiment.robot, q, dq, ddq, x) - tau
-        sizes = (np.linalg.norm(values, axis=0) for values in (error, tau))
-        return ratio(np.linalg.norm(error), np.linalg.norm(tau)), ratios(*sizes)
+        by_joint = quotient(np.linalg.norm(error, axis=0), np.linalg.norm(tau, axis=0), np.nan)
+        return ratio(np.linalg.norm(error), np.linalg.norm(tau)), by_joint
 
 
 def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:

@@ -18,7 +18,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop
 from ..log.recording import Recording
 from ..loop.simulation import Simulation
-from ..methods.job import Delay, ratios
+from ..methods.job import Delay
 from ..methods.method import FitSettings, Motion
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
@@ -102,7 +102,7 @@ def relative_errors(predictions: Sequence[Prediction]) -> Array:
         np.linalg.norm(np.concatenate([getattr(prediction, key) for prediction in predictions]), axis=0)
         for key in ("residual", "measured")
     )
-    return ratios(error, size)
+    return quotient(error, size, np.nan)
 
 
 def explained(predictions: Sequence[Prediction]) -> Array:

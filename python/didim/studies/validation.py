@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient
 from .._tools.notebook import Printed
 from .._tools.saved import plain
 from .._tools.words import series
@@ -164,7 +164,7 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
         As for an identification of the experiment.
     """
     from ..evidence.loop.law import made_up
-    from ..methods.job import ratio, ratios
+    from ..methods.job import ratio
     from ..methods.method import FitSettings
     from .loaded import same_parameters, standard_in, unloaded, with_gains_of
     from .prediction import simulate_window, with_friction_of
@@ -186,7 +186,10 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
         direct, overall = None, float("nan")
         if recording.tau is not None and recording.has_positions:
             errors, torques, _ = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
-            direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
+            direct, overall = (
+                quotient(errors, torques, np.nan),
+                ratio(np.linalg.norm(errors), np.linalg.norm(torques)),
+            )
         outcome, simulated = None, {}
         if closed:
             run = simulate_window(x, experiment, recording, recording.windows[0])

@@ -140,14 +140,7 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     DidimError
         Any of its subclasses: without a reference or a controller, or if consistent DIDIM cannot start.
     """
-    shared = ("variance", "uncertainty", "blocks", "signal", "compensate_samples")
-    didim = DIDIM(
-        physical=True,
-        start=method.chosen_start,
-        fixed=method.fixed,
-        dropped=method.dropped,
-        **{key: getattr(method, key) for key in shared},
-    )
+    didim = DIDIM(physical=True, start=method.chosen_start, **method.shared)
     robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
     solver = CONSISTENT.for_logs(job.parameters, job.selection)

@@ -166,8 +166,7 @@ class Search:
             self.steps.point(self.candidate),
             status=status,
             history=self.history,
-            covariance=spread.covariance,
-            uncertainty=spread.uncertainty,
+            spread=spread,
             condition_number=condition,
             settings={
                 "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if known_noise else None,

@@ -29,7 +29,6 @@ from ...regression.block import Block
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
-from ...result.uncertainty import Uncertainty
 from ...signal.align import align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
@@ -37,6 +36,7 @@ from ..builder import Run, TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
 from ..job import Delay, Job, recordings_of
 from ..start import extended_start
+from ..uncertainty import Spread
 from .checkpoint import Checkpoint
 from .jacobian import Jacobian
 from .settings import CLOESettings, Output
@@ -271,8 +271,7 @@ class OutputError:
         *,
         status: Status,
         history: Sequence[Iteration],
-        covariance: Array,
-        uncertainty: Uncertainty | None = None,
+        spread: Spread,
         condition_number: float,
         settings: dict[str, Any],
         remarks: Sequence[str] = (),
@@ -317,11 +316,10 @@ class OutputError:
         result = identification(
             run,
             beta=self.base.project(x),
-            covariance=covariance,
-            errors=TorqueErrors.of_squares(errors, sizes, n_rows),
+            spread=spread,
+            errors=TorqueErrors(np.sqrt(errors), np.sqrt(sizes), n_rows),
             condition_number=condition_number,
             held_out=torques,
-            uncertainty=uncertainty,
         )
         return replace(result, n_simulations=self.n_simulations)
 

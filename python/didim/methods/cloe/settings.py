@@ -65,7 +65,7 @@ class CLOESettings(MethodSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.physical is not None and not isinstance(self.physical, bool):
+        if not isinstance(self.physical, bool | None):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
         if self.physical and self.optimizer != "levenberg-marquardt":
             raise FitError("physical=True is for the optimizer 'levenberg-marquardt'")

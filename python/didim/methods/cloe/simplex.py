@@ -15,6 +15,7 @@ from ..._tools.arrays import Array
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
+from ..uncertainty import Spread
 from .nelder_mead import Simplex, edged_simplex, literal_simplex, minimise, started
 from .output_error import OutputError
 
@@ -88,7 +89,7 @@ class SimplexSearch:
             self.best,
             status=status,
             history=self.history,
-            covariance=np.zeros((size, size)),
+            spread=Spread(np.zeros((size, size)), None),
             condition_number=math.inf,
             settings={
                 "iterations": self.simplex.iterations,

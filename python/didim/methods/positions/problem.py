@@ -273,7 +273,7 @@ class Problem:
         q, dq = (np.tile(part, (len(thetas), 1)) for part in rollout.start)
         self.simulated.append(len(thetas))
         creep, rest = (drive.pop(kind) for kind in SOFT)
-        slope = self._slope(rollout, x) * rest / creep if self.soft else None
+        slope = self._slope(rollout, x) * rest / creep if self.soft else 0.0
         return rollout.loop.run(
             x,
             Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s),
