@@ -21,7 +21,6 @@ from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
-from ...model.consistency import places_of
 from ...result.finding import Finding, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter
@@ -134,6 +133,7 @@ def _check(method: CLOESettings, experiment: Experiment) -> None:
 def _result(now: Search, spread: Intervals, before: Array, exactness: list[Finding]) -> Identification:
     """Return the result of a search, with the errors of the joints `before` it and findings on the exactness of those after it."""
     problem, experiment = now.problem, now.problem.experiment
+    x, drive = problem.parameters(now.theta[None])
     a, _ = now.normal()
     weak, rows = weak_pairs(now, a), _rows(now, spread)
     after = problem.joint_errors(now.errors)
@@ -153,7 +153,7 @@ def _result(now: Search, spread: Intervals, before: Array, exactness: list[Findi
         beta=now.theta,
         covariance=np.nan_to_num(spread.covariance),
         parameter_names=problem.robot.parameter_names,
-        parameters=_standard(now),
+        parameters=x[0],
         relative_error=shares,
         overall_relative_error=float(np.sqrt(np.nansum(after**2) / max(np.nansum(before**2), 1e-300))),
         error_norm=norm,
@@ -175,6 +175,7 @@ def _result(now: Search, spread: Intervals, before: Array, exactness: list[Findi
             **experiment_record(experiment, problem.robot),
             "prediction": {"motion": "simulated", "raw": True},
             KEY: {
+                "drive": {kind: plain(value[0]) for kind, value in drive.items()},
                 **_record(now, spread, before, after),
                 "rows": rows,
                 "weak": weak,
@@ -186,11 +187,10 @@ def _result(now: Search, spread: Intervals, before: Array, exactness: list[Findi
 
 
 def _record(now: Search, spread: Intervals, before: Array, after: Array) -> dict[str, Any]:
-    """Return drives, errors and settings of a fit for the record of its result, with the errors of the joints at its two ends."""
+    """Return errors and settings of a fit for the record of its result, with the errors of the joints at its two ends."""
     problem = now.problem
     outside = problem.joint_errors(problem.errors(now.theta, problem.held_out), problem.held_out)
     return {
-        "drive": _drive(now),
         "errors": {
             "before": plain(before),
             "after": plain(after),
@@ -214,23 +214,6 @@ def _uncertainty(spread: Intervals, after: Array) -> Uncertainty | None:
         std_white=spread.white,
         joint_std=np.nan_to_num(after),
     )
-
-
-def _standard(now: Search) -> Array:
-    """Return the standard parameters of the whole robot, (n_parameters,)."""
-    x, places = now.problem.values.x.copy(), places_of(now.problem.robot)
-    for column, value in zip(now.problem.columns, now.theta, strict=True):
-        if not column.of_drive:
-            x[places[column.name]] = value
-    return x
-
-
-def _drive(now: Search) -> dict[str, list[float | None]]:
-    drive = {kind: value.copy() for kind, value in now.problem.values.drive.items()}
-    for column, value in zip(now.problem.columns, now.theta, strict=True):
-        if column.of_drive:
-            drive[column.kind][list(column.joints)] = value
-    return {kind: plain(value) for kind, value in drive.items()}
 
 
 def _limbs(problem: Problem) -> list[dict[str, Any]]:

@@ -269,7 +269,7 @@ class Problem:
         self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
-        x, drive = self._parameters(rollout, thetas)
+        x, drive = self._of_limb(rollout, thetas)
         q, dq = (np.tile(part, (len(thetas), 1)) for part in rollout.start)
         self.simulated.append(len(thetas))
         creep, rest = (drive.pop(kind) for kind in SOFT)
@@ -281,29 +281,35 @@ class Problem:
             every_jump=self.every_jump,
         )
 
-    def _parameters(self, rollout: Rollout, thetas: Array) -> tuple[Array, dict[str, Array]]:
-        """Return the standard parameters of a limb and the numbers of its servos, (n_candidates, n) each."""
-        limb, joints, count = rollout.limb, rollout.joints, len(thetas)
-        values = self.values.along(rollout.recording)
-        x = np.tile(values.x[limb.indices], (count, 1))
-        drive = {kind: np.tile(value[joints], (count, 1)) for kind, value in values.drive.items()}
-        for k in self.own(rollout):
-            column = self.columns[k]
-            for local, joint in enumerate(joints):
-                if joint not in column.joints:
-                    continue
-                if column.of_drive:
-                    share = self.values.shares[rollout.recording, joint] if column.kind == "kp" else 1.0
-                    drive[column.kind][:, local] = share * thetas[:, k]
-                else:
-                    x[:, limb.robot.parameter_names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
+    def parameters(self, thetas: Array, recording: int | None = None) -> tuple[Array, dict[str, Array]]:
+        """Return the standard parameters of the robot and the numbers of its servos, (n_candidates, n) each.
+
+        They are those in a recording, with its payload and gains, or without any.
+        """
+        values = self.values if recording is None else self.values.along(recording)
+        shares = np.ones(self.robot.n_dof) if recording is None else self.values.shares[recording]
+        x = np.tile(values.x, (len(thetas), 1))
+        drive = {kind: np.tile(value, (len(thetas), 1)) for kind, value in values.drive.items()}
+        for column, theta in zip(self.columns, thetas.T, strict=True):
+            if None not in (recording, column.recording) and column.recording != recording:
+                continue
+            if column.of_drive:
+                at = list(column.joints)
+                share = shares[at] if column.kind == "kp" else 1.0
+                drive[column.kind][:, at] = theta[:, None] * share
+            else:
+                x[:, self.robot.parameter_names.index(column.name)] = theta
         return x, drive
+
+    def _of_limb(self, rollout: Rollout, thetas: Array) -> tuple[Array, dict[str, Array]]:
+        x, drive = self.parameters(thetas, rollout.recording)
+        return x[:, rollout.limb.indices], {kind: value[:, rollout.joints] for kind, value in drive.items()}
 
     def creeping(self, theta: Array) -> Array:
         """Return the velocities (rad/s or m/s) below which MuJoCo's friction is viscous, ``Fc creep (M^-1)_jj``, (n_dof,)."""
         creeping = np.zeros(self.robot.n_dof)
         for rollout in self.rollouts:
-            x, drive = self._parameters(rollout, theta[None])
+            x, drive = self._of_limb(rollout, theta[None])
             coulomb = _places(rollout.limb, "Fc")
             creeping[rollout.joints] = (x[:, coulomb] * drive[SOFT[0]] / self._slope(rollout, x))[0]
         return creeping
