@@ -201,7 +201,7 @@ def picture() -> None:
     for item in (*signs(rows), *exchanges(rows), *gravities(rows)):
         found = rows.exact(item)
         if found is not None:
-            d = found[2].judged(item.order, item.factors).against(rows.declared)
+            d = found.products.judged(*item.channels).against(rows.declared)
             what = f"{item.code.replace('-', ' ')} {' '.join(map(str, item.joints))}"
             errors.append((100.0 * float(np.exp(d / (2.0 * rows.n))), what))
     errors = sorted(errors)[:9]

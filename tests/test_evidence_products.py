@@ -117,7 +117,7 @@ def test_the_rougher_look_at_other_robots_and_positions(rows: LogRows) -> None:
     longer = with_geometry(rows.robot, d=tuple(1.3 * value for value in g.d))
     found = rows.exact(Hypothesis(code="x", robot=longer))
     assert found is not None
-    exact = Products.of(found[0], rows.y).judged().against(rows.declared)
+    exact = Products.of(found.w, rows.y).judged().against(rows.declared)
     assert rows.rough(Hypothesis(code="x", robot=longer)) == pytest.approx(exact, rel=0.5)
     assert rows.rough(Hypothesis(code="x", robot=turned(rows.robot))) > 4.0
     assert rows.rough(Hypothesis(code="x", position=np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0]))) > 4.0
@@ -142,8 +142,8 @@ def test_the_right_robot_for_a_wrong_file(experiment: didim.Experiment) -> None:
     found = wrong.exact(Hypothesis(code="x", robot=experiment.robot))
     assert found is not None
     right = rows_of(experiment)
-    np.testing.assert_array_equal(found[0], right.w)
-    assert Products.of(found[0], wrong.y).judged().against(wrong.declared) < -10.0
+    np.testing.assert_array_equal(found.w, right.w)
+    assert Products.of(found.w, wrong.y).judged().against(wrong.declared) < -10.0
 
 
 def test_a_consistent_fit_cannot_swallow_a_wrong_sign(rows: LogRows) -> None:

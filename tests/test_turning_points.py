@@ -17,6 +17,7 @@ from didim.evidence.causes import Search, Tried, confirmed, torn, tried
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.products import Judged
 from didim.evidence.residual import Residual, held_out_findings, size_findings, spike_findings
+from didim.evidence.rows import Columns
 from didim.evidence.uses import Motions, Spread, _gravity, _uncertain
 from didim.evidence.whiteness import Whiteness, whiteness, whiteness_findings
 from didim.regression.block import Block
@@ -202,7 +203,7 @@ def test_a_cause_leaves_a_robot(before: float, after: float, refused: str) -> No
     )
     search = Search(rows)
     search._torn, search._held = [], plain * np.exp(before)
-    search._columns[GAIN] = (np.zeros((1, 4, 1)), (), stub(seen=lambda order, factors: plain))
+    search._columns[GAIN] = Columns(np.zeros((1, 4, 1)), (), stub(seen=lambda order, factors: plain))
     assert search._decided(trial(GAIN, -2.0)).refused == refused
 
 

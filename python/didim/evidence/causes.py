@@ -22,7 +22,7 @@ from .hypotheses.positions import scales
 from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
 from .hypotheses.torques import exchanges, signs
 from .products import BLOCKS, Declared, Judged, Products
-from .rows import LogRows
+from .rows import Columns, LogRows
 from .thresholds import (
     BLOCKS_BETTER,
     FRICTION_SIGMAS,
@@ -109,7 +109,7 @@ class Search:
 
     def __init__(self, rows: LogRows, other: LogRows | None = None, *, readings: bool = True) -> None:
         self.rows, self.other, self._readings = rows, other, readings
-        self._columns: dict[Hypothesis, tuple[Array, tuple[str, ...], Products] | None] = {}
+        self._columns: dict[Hypothesis, Columns | None] = {}
 
     def cause(self) -> Cause | None:
         """Return the cause that explains the log, or None."""
@@ -162,34 +162,32 @@ class Search:
         cost = 0.0 if self._held is None else np.log(self._held / self.rows.declared_seen)
         return (np.flatnonzero(cost > TORN) + 1).tolist()
 
-    def _products(self, hypothesis: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+    def _columns_of(self, hypothesis: Hypothesis) -> Columns | None:
         if hypothesis not in self._columns:
             self._columns[hypothesis] = self.rows.exact(hypothesis)
         return self._columns[hypothesis]
 
     def _tried(self, hypothesis: Hypothesis) -> Tried:
-        solved = self._products(hypothesis)
-        return (
-            Tried(hypothesis, float("inf"))
-            if solved is None
-            else tried(self.rows, hypothesis, solved[2], solved[1])
-        )
+        columns = self._columns_of(hypothesis)
+        if columns is None:
+            return Tried(hypothesis, float("inf"))
+        return tried(self.rows, hypothesis, columns.products, columns.names)
 
     def _decided(self, plain: Tried) -> Tried:
         """Return a trial with D of the consistent fit, and whether another log confirms it."""
         hypothesis = plain.hypothesis
-        solved = self._products(hypothesis)
-        if solved is None or self._held is None:
+        columns = self._columns_of(hypothesis)
+        if columns is None or self._held is None:
             return plain
         mixing = hypothesis.mixing(self.rows.n)
         y: Array = np.linalg.inv(mixing) @ self.rows.y  # the torques of the joints, not of the channels
-        held = self.rows.consistent(hypothesis.robot or self.rows.robot, solved[0], y)
+        held = self.rows.consistent(hypothesis.robot or self.rows.robot, columns.w, y)
         if held is None:
             return replace(plain, d_consistent=float("inf"))
         squares = np.sum((mixing @ held) ** 2, axis=1)
         d = float(np.sum(np.log(squares / self._held)))
-        refused, seen = plain.refused, solved[2].seen(hypothesis.order, hypothesis.factors)
-        if not refused and d <= HINT and self._contradicted(hypothesis, solved[2]):
+        refused, seen = plain.refused, columns.products.seen(*hypothesis.channels)
+        if not refused and d <= HINT and self._contradicted(hypothesis, columns.products):
             refused = "other-log"
         elif not refused:
             size = self.rows.products.y.sum(axis=1)
@@ -201,11 +199,11 @@ class Search:
         """Whether another log of the robot is predicted no better."""
         if self.other is None or self.other.n != self.rows.n:
             return False
-        solved = self.other.exact(hypothesis)
-        if solved is None:
+        columns = self.other.exact(hypothesis)
+        if columns is None:
             return False
-        beta = products.judged(hypothesis.order, hypothesis.factors).beta
-        after = solved[2].predicted(beta, hypothesis.order, hypothesis.factors)
+        beta = products.judged(*hypothesis.channels).beta
+        after = columns.products.predicted(beta, *hypothesis.channels)
         before = self.other.products.predicted(self.rows.declared.beta)
         return float(np.sum(np.log(after / before))) > OTHER_LOG
 
@@ -225,7 +223,7 @@ class Search:
 
 def tried(rows: Declared, hypothesis: Hypothesis, products: Products, names: Sequence[str]) -> Tried:
     """Return a hypothesis applied, fitted again and judged on blocks left out; `products` and `names` of its own columns."""
-    judged, declared = products.judged(hypothesis.order, hypothesis.factors), rows.declared
+    judged, declared = products.judged(*hypothesis.channels), rows.declared
     d, refused, friction = judged.against(declared), "", False
     if hypothesis.at_end:
         refused = "at-end"
@@ -238,7 +236,7 @@ def tried(rows: Declared, hypothesis: Hypothesis, products: Products, names: Seq
         pair = [joint - 1 for joint in hypothesis.joints]
         both = judged.unseen[pair].sum(axis=1) < declared.unseen[pair].sum(axis=1)
         refused = "" if both.all() else "one-channel"
-    growth = float(np.sqrt(judged.unseen.sum() / products.seen(hypothesis.order, hypothesis.factors).sum()))
+    growth = float(np.sqrt(judged.unseen.sum() / products.seen(*hypothesis.channels).sum()))
     return Tried(
         hypothesis, d, judged.better_blocks(declared), growth=growth, friction=friction, refused=refused
     )

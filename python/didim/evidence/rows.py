@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,24 @@ ROUGH_ROWS = 150
 """Smallest number of rows per joint for the screening, where the log has them; fewer than twice this number are used."""
 SAMPLES = 6000
 """Smallest number of samples for a hypothesis."""
+
+
+class Columns(NamedTuple):
+    """Columns that a hypothesis explains a log with.
+
+    Attributes
+    ----------
+    w : (n, n_rows, p) array
+        As those of a fit, by joint.
+    names : tuple of str
+        Their names.
+    products : Products
+        Their products with the torques, channel by channel.
+    """
+
+    w: Array
+    names: tuple[str, ...]
+    products: Products
 
 
 class LogRows(Declared):
@@ -187,24 +205,22 @@ class LogRows(Declared):
 
     def seen(self, hypothesis: Hypothesis) -> Array:
         """Return the squared errors of the channels in sample, (n,); infinity where they cannot be computed."""
-        solved = self.exact(hypothesis)
-        return (
-            np.full(self.n, math.inf)
-            if solved is None
-            else solved[2].seen(hypothesis.order, hypothesis.factors)
-        )
+        columns = self.exact(hypothesis)
+        if columns is None:
+            return np.full(self.n, math.inf)
+        return columns.products.seen(*hypothesis.channels)
 
-    def exact(self, hypothesis: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+    def exact(self, hypothesis: Hypothesis) -> Columns | None:
         """Return columns as those of a fit, (n, n_rows, p), names and products; None where they cannot be computed."""
         if not hypothesis.needs_columns:
-            return self.w, self.names, self.products
+            return Columns(self.w, self.names, self.products)
         try:
             w, _, names = self._system(hypothesis.robot or self.robot, self._moved(hypothesis))
         except DidimError:
             return None
         w = np.ascontiguousarray(w[:, :: self._thin])
         channels = w if hypothesis.torque is None else np.tensordot(hypothesis.torque, w, 1)
-        return w, names, Products.of(channels, self.y, given=self.known)
+        return Columns(w, names, Products.of(channels, self.y, given=self.known))
 
     def _moved(self, hypothesis: Hypothesis) -> list[Segment]:
         if hypothesis.position is None and hypothesis.rate == 1.0:

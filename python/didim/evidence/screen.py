@@ -141,7 +141,7 @@ class ScreenedRows:
                 self._latest[key] = hypothesis, self._products(self._moved(hypothesis), hypothesis.torque)
             except DidimError:
                 return np.full(len(self.torque), math.inf)
-        return self._latest[key][1].seen(hypothesis.order, hypothesis.factors) / self._declared
+        return self._latest[key][1].seen(*hypothesis.channels) / self._declared
 
     def _moved(self, hypothesis: Hypothesis) -> Array:
         if hypothesis.robot is not None:

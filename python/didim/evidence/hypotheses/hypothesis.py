@@ -61,6 +61,11 @@ class Hypothesis:
     facts: Mapping[str, object] = field(default_factory=dict)
 
     @property
+    def channels(self) -> tuple[tuple[int, ...] | None, Array | None]:
+        """Joint whose rows predict each channel, and factors of the channels, as products of columns take them."""
+        return self.order, self.factors
+
+    @property
     def needs_columns(self) -> bool:
         """Whether the hypothesis changes the columns; otherwise only the reading of torques."""
         return (
