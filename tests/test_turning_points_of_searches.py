@@ -131,7 +131,7 @@ def test_candidates_are_simulated_eight_at_a_time() -> None:
         sizes.append(len(x))
         return [np.zeros((len(x), 3, 1))] * 4, [Outcome(SimulationStatus.DIVERGED)] * len(x)
 
-    window = stub(standard=lambda x: x, kept=slice(None), loop=stub(run=run))
+    window = stub(standard=lambda x: x, motion=lambda arrays, k: None, loop=stub(run=run))
     assert len(simulated_all([cast(Any, window)], [np.zeros(1)] * 20)) == 20
     assert sizes == [8, 8, 4]
 

@@ -49,16 +49,6 @@ def noise_of(fit: Fit) -> float:
     return float(np.linalg.norm(fit.residual * fit.weights)) / float(np.sqrt(max(1, rows - columns)))
 
 
-def response_to(system: LinearSystem, fit: Fit, rows: Rows, base: Array, direction: Array) -> Array | None:
-    """Return the derivative of the torques (r,) along a change of the parameters, (n,); `base` are the unchanged torques."""
-    size = float(np.linalg.norm((system.w @ direction) * fit.weights))
-    if not size > 0.0:
-        return None
-    length = DIFFERENCE * noise_of(fit) / size
-    row_change = rows([length * direction])
-    return None if row_change is None else (row_change[0] - base) / length
-
-
 def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> float | None:
     """Estimate the size of J by one random direction: nearly its Frobenius norm, in standard deviations; None if unknown.
 
@@ -77,10 +67,12 @@ def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> floa
     if abs(np.diag(triangle)).min() < 1.0 / LARGEST_CONDITION:
         return None
     direction = np.linalg.solve(triangle, signs * random) / size
-    row_change = response_to(system, fit, rows, base, direction)
+    along = system.w @ direction
+    length = DIFFERENCE * noise_of(fit) / float(np.linalg.norm(along * fit.weights))
+    row_change = rows([length * direction])
     if row_change is None:
         return None
-    moved = q.T @ ((row_change - system.w @ direction) * fit.weights)
+    moved = q.T @ (((row_change[0] - base) / length - along) * fit.weights)
     return float(np.linalg.norm(moved))
 
 

@@ -8,7 +8,6 @@ Tested in ``tests/test_consistent.py``.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -87,9 +86,9 @@ def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Arra
     n = robot.n_dof
     smooth = np.diag(damping)
     for group in drives.groups:
-        smooth[np.ix_(group, group)] += _largest(
-            drives, x, [drives.viscous(group, sides) for sides in drives.choices(group)]
-        )
+        choices = (_sum(drives, x, drives.viscous(group, sides)) for sides in drives.choices(group))
+        # The direction with more viscous friction.
+        smooth[np.ix_(group, group)] += max(choices, key=np.trace)
 
     def rate(matrix: Array) -> float:
         return float(np.linalg.eigvalsh(roots @ matrix @ roots.transpose(0, 2, 1))[:, -1].max())
@@ -121,11 +120,6 @@ def largest_rates(robot: Robot, each: Array, q: Array, damping: Array) -> tuple[
 
 def _sum(drives: Drives, x: Array, terms: Terms) -> Array:
     return np.asarray(np.sum([x[drives.places[name]] * term for name, term in terms.items()], axis=0))
-
-
-def _largest(drives: Drives, x: Array, choices: Sequence[Terms]) -> Array:
-    """Return the sum with the largest trace: the direction with more viscous friction."""
-    return max((_sum(drives, x, terms) for terms in choices), key=np.trace)
 
 
 def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tuple[float, tuple[float, ...]]:

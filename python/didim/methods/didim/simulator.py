@@ -111,10 +111,8 @@ class LogSimulator:
 
     def _with_half_steps(self, x: Array, scale: Array | None) -> Array:
         window = self.windows[0]
-        arrays, _ = window.loop.divided(2).run(
-            window.standard(x)[None], gain_scale=None if scale is None else scale[None]
-        )
-        return np.asarray(arrays[3][0][window.kept])
+        motion, _ = replace(window, loop=window.loop.divided(2)).run(x, scale)
+        return motion[3]
 
     def take_small_steps(self) -> bool:
         """Switch to uniform small steps, at most once, unless the log looks wrong; return whether they changed.
@@ -150,17 +148,16 @@ class LogSimulator:
         return checked_positions(np.concatenate(positions))
 
     def gain_scale(self, x: Array) -> Array | None:
-        """Return the factor of each joint's gains: J(x) over the J of the IDIM-LS estimate, (n_dof,); None for no scaling."""
+        """Return the factor of each joint's gains: J(x) over the J of the real robot, (n_dof,); None for 1 or no scaling."""
         if self.method.gain_updating == "never":
             return None
-        q = self.reference_positions()
-        here, real = (self._inertias(parameters, q) for parameters in (x, self.real_parameters()))
-        return np.where(here > 0.0, quotient(here, real, 1.0), 1.0)
-
-    def _inertias(self, x: Array, q: Array) -> Array:
-        """Return the mean diagonal of M(q), (n_dof,)."""
-        robot = self.job.robot
-        return mean_diagonal(robot, x[: len(robot.parameter_names)], q)
+        robot, q = self.job.robot, self.reference_positions()
+        here, real = (
+            mean_diagonal(robot, parameters[: len(robot.parameter_names)], q)
+            for parameters in (x, self.real_parameters())
+        )
+        scale = np.where(here > 0.0, quotient(here, real, 1.0), 1.0)
+        return None if np.abs(np.log(scale)).max() < SAME else scale
 
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate with the settings of the method.
@@ -175,7 +172,7 @@ class LogSimulator:
         return self._direct
 
     def real_parameters(self) -> Array:
-        """Return the standard parameters with the inertias for the controller, (p,)."""
+        """Return the standard parameters with the inertias for the controller, (p,): those of the IDIM-LS estimate."""
         return self.direct().parameters
 
     def suspicions(self) -> list[Finding]:
@@ -234,12 +231,13 @@ class RateSimulator(LogSimulator):
         """Return False, because the steps already follow from the rates."""
         return False
 
-    def gain_scale(self, x: Array) -> Array | None:
-        """Return the factor of each joint's gains: J(x) over that of the consistent solution; None for 1."""
-        if self.method.gain_updating == "never":
-            return None
-        scale = self._inertias(x, self.q) / self._inertias(self.real, self.q)
-        return None if np.abs(np.log(scale)).max() < SAME else scale
+    def reference_positions(self) -> Array:
+        """Return positions of the log."""
+        return self.q
+
+    def real_parameters(self) -> Array:
+        """Return the standard parameters of the consistent solution."""
+        return self.real
 
 
 def with_positions(experiment: Experiment) -> Experiment:

@@ -27,6 +27,9 @@ ABREAST = 8
 CHECKED_POSITIONS = 500
 """Number of positions along a simulated motion at which M(q) must stay positive definite."""
 
+Motion = tuple[Array, Array, Array, Array]
+"""Simulated ``q dq ddq tau`` of a window, (n_kept, n_dof) each."""
+
 
 @dataclass(frozen=True)
 class Window:
@@ -56,12 +59,23 @@ class Window:
         """Return the standard parameters (p,) of the robot with the payload of this window."""
         return self.parameters.standard(x, self.recording)
 
+    def run(self, x: Array, scale: Array | None) -> tuple[Motion, Outcome]:
+        """Simulate the window with standard parameters, (n_parameters,), and scaled gains, (n_dof,)."""
+        gains = None if scale is None else scale[None]
+        arrays, (outcome,) = self.loop.run(self.standard(x)[None], gain_scale=gains)
+        return self.motion(arrays, 0), outcome
+
+    def motion(self, arrays: Sequence[Array], candidate: int) -> Motion:
+        """Return the motion of a candidate beside the torques."""
+        q, dq, ddq, tau = (values[candidate][self.kept] for values in arrays)
+        return q, dq, ddq, tau
+
 
 @dataclass(frozen=True)
 class Simulated:
     """Simulated motion of every window with some parameters."""
 
-    motions: list[tuple[Array, Array, Array, Array]]
+    motions: list[Motion]
     scale: Array | None
     """Factors of the gains."""
     error: float
@@ -161,12 +175,10 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
     """Simulate every window with standard parameters, (n_parameters,), and scaled gains; return also the number of simulations."""
     motions = []
     for count, window in enumerate(windows, start=1):
-        arrays, outcomes = window.loop.run(
-            window.standard(x)[None], gain_scale=None if scale is None else scale[None]
-        )
-        if not outcomes[0].completed:
-            return outcomes[0], count
-        motions.append(_motion(window, arrays, 0))
+        motion, outcome = window.run(x, scale)
+        if not outcome.completed:
+            return outcome, count
+        motions.append(motion)
     return of_motions(windows, x, motions, scale), len(windows)
 
 
@@ -178,20 +190,15 @@ def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> lis
         runs = [window.loop.run(np.stack([window.standard(x) for x in some])) for window in windows]
         for k in range(len(some)):
             ended = [outcomes[k] for _, outcomes in runs if not outcomes[k].completed]
-            motions = [_motion(window, arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
+            motions = [window.motion(arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
             results.append(ended[0] if ended else of_motions(windows, some[k], motions, None))
     return results
-
-
-def _motion(window: Window, arrays: Sequence[Array], candidate: int) -> tuple[Array, Array, Array, Array]:
-    q, dq, ddq, tau = (values[candidate][window.kept] for values in arrays)
-    return q, dq, ddq, tau
 
 
 def of_motions(
     windows: Sequence[Window],
     x: Array,
-    motions: list[tuple[Array, Array, Array, Array]],
+    motions: list[Motion],
     scale: Array | None,
 ) -> Simulated:
     """Return simulated motions of every window, with the error of their torques."""
