@@ -70,7 +70,7 @@ def torques(log: Experiment) -> Array:
 
 def system_of(log: Experiment) -> LinearSystem:
     job = IDIMLS().job(log)
-    return linear_system(job.robot, job.parts("fit", 0.0), job.signal, job.selection)
+    return linear_system(job.robot, job.parts("fit"), job.signal, job.selection)
 
 
 def told(findings: list[Finding] | tuple[Finding, ...]) -> list[Named]:

@@ -39,7 +39,7 @@ def log() -> Experiment:
 
 def test_least_absolute_deviations_are_the_optimum_of_the_linear_program(log: Experiment) -> None:
     job = IDIMLS(weights="none").job(log)
-    system = job.system(job.parts("fit", 0.0))
+    system = job.system(job.parts("fit"))
     fit = LeastAbsolute()(system, replace(job.settings, weights="none"))
     n, b = system.w.shape
     eye = np.eye(n)

@@ -180,7 +180,7 @@ def test_streaming_the_real_tx40_log(project: Path, shared: Path) -> None:
     method = didim.IDIMLS(uncertainty="white")
     fit = didim.identify(experiment, method)
     job = method.job(experiment)
-    system = job.system(job.parts("fit", 0.0))
+    system = job.system(job.parts("fit"))
     w = system.w.reshape(6, -1, 60).transpose(1, 0, 2)
     y = system.y.reshape(6, -1).T
     recursive = didim.Recursive(job.robot)

@@ -160,7 +160,7 @@ def test_blocks_of_a_system_and_parts_of_it(log: Experiment) -> None:
     windows = replace(log.recordings[0], windows=((0, 1000), (1500, 2500)), name="second")
     two = replace(log, recordings=(log.recordings[0], windows))
     job = IDIMLS().job(two)
-    system = job.system(job.parts("fit", 0.0))
+    system = job.system(job.parts("fit"))
     n = job.robot.n_dof
     assert [len(blocks) for blocks in by_joint(system.blocks)] == [3] * n
     assert [(blocks[0].recording, blocks[0].window) for blocks in by_window(system.blocks)] == [
@@ -173,7 +173,7 @@ def test_blocks_of_a_system_and_parts_of_it(log: Experiment) -> None:
     # All windows but the first are the system of the second recording.
     rest = [block for block in system.blocks if block.recording == 1]
     alone = IDIMLS().job(replace(log, recordings=(windows,)))
-    expected = alone.system(alone.parts("fit", 0.0))
+    expected = alone.system(alone.parts("fit"))
     part = system.part(rest)
     np.testing.assert_array_equal(part.w, expected.w)
     np.testing.assert_array_equal(part.y, expected.y)
@@ -184,7 +184,7 @@ def test_blocks_of_a_system_and_parts_of_it(log: Experiment) -> None:
 def test_blocks_know_rate_and_correlation(log: Experiment) -> None:
     decimated = replace(log, signal=replace(log.signal, decimation=(5, 2)))
     job = IDIMLS().job(decimated)
-    for block in job.system(job.parts("fit", 0.0)).blocks:
+    for block in job.system(job.parts("fit")).blocks:
         assert block.rate_hz == log.recordings[0].rate_hz / 10.0
         assert block.correlation is not None
         assert block.correlation[0] == 1.0

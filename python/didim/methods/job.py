@@ -25,7 +25,7 @@ from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
 from ..result.iteration import HeldOut
 from ..robot.robot import Robot
-from ..signal.align import Shift, hold_samples
+from ..signal.align import hold_samples
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place, segments
 
@@ -94,6 +94,10 @@ class Delay:
         return cls(tuple(samples) if isinstance(samples, list) else samples, record.get("hold_s", 0.0))
 
 
+NO_DELAY = Delay()
+"""Delay of a torque that belongs to its sample."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredRows:
     """Filtered windows of an IDIM-LS, and their system (7).
@@ -147,12 +151,12 @@ class Job:
     solver: Solver
     parameters: LogParameters
 
-    def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
-        """Return the filtered windows of a role's recordings, with compensation of a delay, given as an object or in samples."""
+    def parts(self, role: str, delay: Delay = NO_DELAY) -> list[Segment]:
+        """Return the filtered windows of a role's recordings, with compensation of a delay."""
         return [
             part
             for number, recording in recordings_of(self.experiment, role)
-            for part in segments(recording, self.signal, shift(delay, recording.rate_hz), number=number)
+            for part in segments(recording, self.signal, delay.measured(recording.rate_hz), number=number)
         ]
 
     def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
@@ -263,14 +267,14 @@ class Job:
             declared=declared.samples,
         )
 
-    def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array, int]:
+    def predicted(self, recording: Recording, beta: Array, delay: Delay) -> tuple[Array, Array, int]:
         """Return norms of errors and torques, and the rows, per joint, for predictions along all windows of a recording.
 
         `beta` are the base parameters (b,) of the robot in this recording.
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
         """
         robot = self.experiment.robot
-        parts = segments(recording, self.signal, shift(delay, recording.rate_hz))
+        parts = segments(recording, self.signal, delay.measured(recording.rate_hz))
         system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
@@ -278,7 +282,7 @@ class Job:
             error = np.asarray(system.y - system.w @ beta)
         return system.norms(error), system.norms(system.y), system.y.size // robot.n_dof
 
-    def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
+    def held_out(self, beta: Array, delay: Delay) -> list[HeldOut]:
         """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
         by_recording = []
         for number, recording in recordings_of(self.experiment, "held-out"):
@@ -308,11 +312,6 @@ def recordings_of(experiment: Experiment, role: str = "fit") -> list[tuple[int, 
     if role == "fit" and not recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return recordings
-
-
-def shift(delay: Delay | Shift, rate_hz: float) -> Shift:
-    """Return the shift of the torque relative to measured motion, in samples at a rate."""
-    return delay.measured(rate_hz) if isinstance(delay, Delay) else delay
 
 
 def sample_time_s(experiment: Experiment) -> float:

@@ -28,7 +28,7 @@ from ..signal.filters import derivatives, differentiate
 from ..signal.noise import white_noise
 from ..signal.segments import Segment, trimmed
 from ..signal.steps import between_steps, smoothed
-from .job import Delay, Job, shift
+from .job import Delay, Job
 
 
 def position_shift(
@@ -160,7 +160,7 @@ def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Se
     (*motion, torque), _ = align(
         (*differentiate(between_steps(q, rate, signal, step), rate, signal), *warmth, tau),
         tau,
-        shift(delay, rate),
+        delay.measured(rate),
     )
     made = trimmed(recording, part.place, signal, motion, torque)
     return replace(made, recording=part.recording, window=part.window)

@@ -5,6 +5,7 @@ Tested in ``tests/test_positions.py``.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -177,61 +178,47 @@ def columns_of(
 
     `steps` are the changes for differences by kind, (n_dof,) each; joints that share an unknown take the smallest.
     """
-    robot, columns = experiment.robot, []
-    for joint in range(robot.n_dof):
-        for kind in joint_kinds(robot):
-            name = f"{kind}{joint + 1}"
-            if name not in robot.parameter_names or name in experiment.fixed:
-                continue
-            if {name, kind} & {*experiment.dropped}:
-                continue
-            index = robot.parameter_names.index(name)
-            unknown = experiment.unknown.get(kind, Unknown())
-            low = max(unknown.low, 0.0 if kind in NEVER_NEGATIVE else -math.inf)
-            columns.append(
-                Column(
-                    kind,
-                    (joint,),
-                    None,
-                    name,
-                    robot.parameter_units[index],
-                    float(values.x[index]),
-                    low,
-                    unknown.high,
-                    unknown.sigma,
-                    float(steps[kind][joint]),
+    robot, places, columns = experiment.robot, places_of(experiment.robot), []
+    for kind, joints, recording, name in _asked(experiment, limbs):
+        unknown, at = experiment.unknown.get(kind, Unknown()), list(joints)
+        if kind in DRIVE:
+            start, unit = float(np.mean(values.drive[kind][at])), UNITS[kind]
+            if kind == "saturation" and not math.isfinite(start):
+                raise FitError(
+                    f"[unknown.saturation] needs a start, for [controller] has no saturation ({name})"
                 )
-            )
-    for kind in DRIVE:
-        if kind in experiment.unknown:
-            columns += _of_drive(experiment, limbs, values, steps, kind)
-    return columns
-
-
-def _of_drive(
-    experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Mapping[str, Array], kind: str
-) -> list[Column]:
-    unknown = experiment.unknown[kind]
-    everyone = tuple(range(experiment.robot.n_dof))
-    groups: dict[Shared, list[tuple[tuple[int, ...], int | None, str]]] = {
-        "joint": [((joint,), None, f"{kind}{joint + 1}") for joint in everyone],
-        "limb": [(limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],
-        "robot": [(everyone, None, kind)],
-        "log": [(everyone, k, f"{kind} {recording.name}") for k, recording in recordings_of(experiment)],
-    }
-    columns = []
-    for joints, recording, name in groups[unknown.shared]:
-        start = float(np.mean(values.drive[kind][list(joints)]))
-        if kind == "saturation" and not math.isfinite(start):
-            raise FitError(f"[unknown.saturation] needs a start, for [controller] has no saturation ({name})")
-        start = min(max(start, unknown.low), unknown.high)
-        unit = UNITS[kind]
-        if any(experiment.robot.joint_kinds[joint] == "prismatic" for joint in joints):
-            unit = unit.replace("N.m", "N").replace("rad", "m")
+            start = min(max(start, unknown.low), unknown.high)
+            if any(robot.joint_kinds[joint] == "prismatic" for joint in joints):
+                unit = unit.replace("N.m", "N").replace("rad", "m")
+        else:
+            start, unit = float(values.x[places[name]]), robot.parameter_units[places[name]]
+        low = max(unknown.low, 0.0 if kind in NEVER_NEGATIVE else -math.inf)
+        step = float(np.min(steps[kind][at]))
         columns.append(
-            Column(
-                kind, joints, recording, name, unit, start, unknown.low, unknown.high, unknown.sigma,
-                float(np.min(steps[kind][list(joints)])),
-            )
-        )  # fmt: skip
+            Column(kind, joints, recording, name, unit, start, low, unknown.high, unknown.sigma, step)
+        )
     return columns
+
+
+def _asked(
+    experiment: Experiment, limbs: Sequence[Limb]
+) -> list[tuple[str, tuple[int, ...], int | None, str]]:
+    """Return kind, joints, recording and name of each unknown."""
+    robot, known = experiment.robot, {*experiment.dropped, *experiment.fixed}
+    every = tuple(range(robot.n_dof))
+    asked: list[tuple[str, tuple[int, ...], int | None, str]] = []
+    for joint, kind in itertools.product(every, joint_kinds(robot)):
+        name = f"{kind}{joint + 1}"
+        if name in robot.parameter_names and name not in known and kind not in experiment.dropped:
+            asked.append((kind, (joint,), None, name))
+    for kind in (kind for kind in DRIVE if kind in experiment.unknown):
+        groups: dict[Shared, list[tuple[str, tuple[int, ...], int | None, str]]] = {
+            "joint": [(kind, (joint,), None, f"{kind}{joint + 1}") for joint in every],
+            "limb": [(kind, limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],
+            "robot": [(kind, every, None, kind)],
+            "log": [
+                (kind, every, k, f"{kind} {recording.name}") for k, recording in recordings_of(experiment)
+            ],
+        }
+        asked += groups[experiment.unknown[kind].shared]
+    return asked
