@@ -69,9 +69,8 @@ class CLOESettings(MethodSettings):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
         if self.physical and self.optimizer != "levenberg-marquardt":
             raise FitError("physical=True is for the optimizer 'levenberg-marquardt'")
-        one_of("optimizer", self.optimizer, get_args(Optimizer), FitError)
-        one_of("output", self.output, get_args(Output), FitError)
-        one_of("variant", self.variant, get_args(Variant), FitError)
+        for key, choices in (("optimizer", Optimizer), ("output", Output), ("variant", Variant)):
+            one_of(key, getattr(self, key), get_args(choices), FitError)
         whole("starts", self.starts, FitError, least=1)
         whole("seed", self.seed, FitError, least=0)
         for key in ("max_iterations", "max_evaluations"):

@@ -46,6 +46,7 @@ class SimplexSearch:
         self.norms: list[float] = []
         self.stalled, self.patient = False, False
         self.simplex: Simplex
+        self.first: Simplex
         # Coordinates are in units of the first edges, so a collapsed simplex spans small fractions of 1.
         self.unit = np.ones(n)
         self.initial = float(self._values(problem.start[None])[0])
@@ -56,11 +57,10 @@ class SimplexSearch:
         """Search to the end."""
         problem = self.problem
         self.checkpoint = problem.checkpoint()
-        self.begin, self.done_before, self.iterations_before = time.monotonic(), 0, 0
+        self.begin = time.monotonic()
         status = Status.NOT_CONVERGED
         try:
-            begun = self._continued() or self._begun()
-            self.done_before, self.iterations_before = begun.evaluations, begun.iterations
+            self.first = self._continued() or self._begun()
             while True:
                 simplex, collapsed = minimise(
                     lambda points: self._values(points * self.unit),
@@ -177,12 +177,11 @@ class SimplexSearch:
                 return True
         if now.iterations % REPORT_EVERY and now.iterations + 1 < self.most_iterations:
             return False
-        made = now.evaluations - self.done_before
-        left = (self.most_evaluations - now.evaluations) / max(1, made) * (time.monotonic() - self.begin)
-        by_iterations = (self.most_iterations - now.iterations) / max(
-            1, now.iterations - self.iterations_before
+        first, left = self.first, time.monotonic() - self.begin
+        left *= min(
+            (self.most_evaluations - now.evaluations) / max(1, now.evaluations - first.evaluations),
+            (self.most_iterations - now.iterations) / max(1, now.iterations - first.iterations),
         )
-        left = min(left, by_iterations * (time.monotonic() - self.begin))
         self.reporter.say(
             f"iteration {now.iterations}, {now.evaluations} evaluations: norm {now.values[0]:.6g} of {self.initial:.4g}; "
             f"at most {max(0.0, left):.0f} s left"

@@ -24,6 +24,8 @@ from ...robot.payload import NOTHING, payload_columns
 from ...robot.transmission import SOFTNESS
 from ..job import recordings_of
 
+Asked = tuple[str, tuple[int, ...], int | None, str]
+"""Kind, joints, recording and name of an unknown, as in `Column`."""
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
 
@@ -200,19 +202,17 @@ def columns_of(
     return columns
 
 
-def _asked(
-    experiment: Experiment, limbs: Sequence[Limb]
-) -> list[tuple[str, tuple[int, ...], int | None, str]]:
-    """Return kind, joints, recording and name of each unknown."""
+def _asked(experiment: Experiment, limbs: Sequence[Limb]) -> list[Asked]:
+    """Return all unknowns, those of each joint first."""
     robot, known = experiment.robot, {*experiment.dropped, *experiment.fixed}
     every = tuple(range(robot.n_dof))
-    asked: list[tuple[str, tuple[int, ...], int | None, str]] = []
+    asked: list[Asked] = []
     for joint, kind in itertools.product(every, joint_kinds(robot)):
         name = f"{kind}{joint + 1}"
         if name in robot.parameter_names and name not in known and kind not in experiment.dropped:
             asked.append((kind, (joint,), None, name))
     for kind in (kind for kind in DRIVE if kind in experiment.unknown):
-        groups: dict[Shared, list[tuple[str, tuple[int, ...], int | None, str]]] = {
+        groups: dict[Shared, list[Asked]] = {
             "joint": [(kind, (joint,), None, f"{kind}{joint + 1}") for joint in every],
             "limb": [(kind, limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],
             "robot": [(kind, every, None, kind)],

@@ -37,16 +37,14 @@ def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) ->
     drives : sequence of Cone
         Conditions of the robot on rotors and friction, with the weights that each recording with friction of its own repeats.
     """
-    conditions = [
-        _payload(logs, block, places, gamma)
-        for block, places in logs.slices()
-        if block.kind == "payload" and block.complete
-    ]
+    conditions = []
     for block, places in logs.slices():
-        if block.kind == "friction":
+        if block.kind == "payload" and block.complete:
+            conditions.append(_payload(logs, block, places, gamma))
+        elif block.kind == "friction":
             (recording,) = _recordings(logs, places)
-            own = logs.columns[recording].copy()
-            own[:, [k for k in range(own.shape[1]) if not places.start <= k < places.stop]] = 0.0
+            own = np.zeros_like(logs.columns[recording])
+            own[:, places] = logs.columns[recording][:, places]
             changed = set(np.flatnonzero(own.any(axis=1)).tolist())
             conditions += [
                 replace(_moved(cone, own), label=f"{cone.label} of recording '{block.owner}'")
