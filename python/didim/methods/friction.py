@@ -12,15 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array
 from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.friction.candidates import LEAST_WARMING
 from ..regression.friction.choice import FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
-from ..regression.least_squares import solve
-from ..regression.linear_system import LinearSystem
 from ..signal.noise import encoder_step
 from .job import recordings_of
 from .method import Method, MethodSettings
@@ -137,20 +134,16 @@ def with_known_friction(
         parts = [replace(part, temperature=None) for part in parts]
     chosen = (dict(job.fixed), job.dropped)
 
-    def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, replace(job.settings, uncertainty="white"))  # only the estimate is used
-        return fit.solution, fit.weights
-
     robot = experiment.robot
     if auto:
         say("choosing friction terms by their error on held-out blocks")
         recorded = {part.recording for part in parts}
         steps = [encoder_step(experiment.recordings[k].measured_positions()) for k in sorted(recorded)]
-        choice = choose_terms(robot, parts, job.signal, chosen, solved, np.max(steps, axis=0))
+        choice = choose_terms(robot, parts, job.signal, chosen, job.estimate, np.max(steps, axis=0))
         return replace(experiment, robot=robot.with_terms(choice.friction.terms)), FoundFriction(
             choice.velocities, choice
         )
-    refined = settled(robot, parts, job.signal, chosen, solved)
+    refined = settled(robot, parts, job.signal, chosen, job.estimate)
     return replace(experiment, robot=refined.robot), FoundFriction(refined.velocities)
 
 

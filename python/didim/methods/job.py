@@ -166,16 +166,16 @@ class Job:
         an estimate with these windows.
         """
         if self.robot.friction.has_load and beta is None:
-
-            def solved(system: LinearSystem) -> tuple[Array, Array]:
-                fit = solve(system, self.settings)
-                return fit.solution, fit.weights
-
             chosen = (dict(self.fixed), self.dropped)
-            system = settled(self.robot, parts, self.signal, chosen, solved).system
+            system = settled(self.robot, parts, self.signal, chosen, self.estimate).system
         else:
             system = linear_system(self.robot, parts, self.signal, self.selection, beta, self.parameters)
         return with_slopes(system, self.robot, parts, self.signal)
+
+    def estimate(self, system: LinearSystem) -> tuple[Array, Array]:
+        """Return plain least squares of a system (7), (n,), and the weights of its rows, (r,)."""
+        fit = solve(system, replace(self.settings, uncertainty="white"))  # only the estimate is used
+        return fit.solution, fit.weights
 
     def solve(self, system: LinearSystem, progress: Progress | None = None) -> Fit:
         """Solve a system (7) with the solver of this run."""
@@ -244,13 +244,10 @@ class Job:
         return min(estimates, key=lambda estimate: estimate[1])[0]
 
     def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
-        # The delays have standard deviations of their own.
-        plain = replace(self.settings, uncertainty="white")
-
         def observe(parts: Sequence[Segment]) -> Observed:
             system = self.system(parts)
-            fit = solve(system, plain)
-            return Observed(system, fit.weights, fit.solution)
+            solution, weights = self.estimate(system)
+            return Observed(system, weights, solution)
 
         def torque(part: Segment, solution: Array) -> Array:
             x = self.parameters.standard(self.lift(solution), part.recording)

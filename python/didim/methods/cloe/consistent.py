@@ -22,7 +22,6 @@ from ...regression.consistent.solver import CONSISTENT
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ..didim.didim import DIDIM
-from ..didim.globalisation import SecantSteps
 from ..didim.iterations import Iterations
 from ..didim.problem import ConsistentProblem
 from ..didim.simulator import RateSimulator
@@ -145,7 +144,7 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     job = didim.job(experiment, robot)
     solver = CONSISTENT.for_logs(job.parameters, job.selection)
     consistent = ConsistentProblem(RateSimulator(didim, job, reporter.without_iterations), solver)
-    begun = Iterations(consistent, SecantSteps(consistent)).result()
+    begun = Iterations(consistent).result()
     assert consistent.conditions is not None
     x = job.parameters.extended(begun.parameters, further_of(begun))
     problem = OutputError(

@@ -30,7 +30,6 @@ from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ..job import Job, ratio
 from ..uncertainty import with_velocities
-from .globalisation import SafeSteps
 from .iterations import Iterations
 from .problem import Problem
 from .settings import DIDIMSettings
@@ -168,7 +167,7 @@ class ByLimb(Iterations):
     parts: list[Iterations]
 
     def __init__(self, problem: Problem, limbs: Sequence[LimbInRobot]) -> None:
-        super().__init__(problem, SafeSteps(problem))
+        super().__init__(problem)
         self.limbs = limbs
 
     def begin(self) -> None:
@@ -176,7 +175,7 @@ class ByLimb(Iterations):
         self._x, self.parts = self.problem.start(), []
         for limb_in_robot in self.limbs:
             problem = LimbProblem(self.problem, limb_in_robot, self._x, self._reporter(limb_in_robot))
-            self.parts.append(Iterations(problem, SafeSteps(problem)))
+            self.parts.append(Iterations(problem))
             self.parts[-1].begin()
         self.iterate = self._best = self._joined([part.iterate for part in self.parts])
         self._first_error = self.iterate.simulated.error

@@ -145,7 +145,3 @@ class SecantSteps:
             squares += float(np.sum(((window.tau - motion[3]) * weights) ** 2))
             count += window.tau.size
         return squares / count
-
-
-Globalisation = SafeSteps | SecantSteps
-"""A rule for the step from an iterate towards the solution of its system."""

@@ -34,7 +34,7 @@ from .convergence import (
     step_sentence,
     stuck_sentence,
 )
-from .globalisation import Globalisation, SafeSteps, SecantSteps
+from .globalisation import SafeSteps, SecantSteps
 from .problem import ConsistentProblem, Problem
 from .settings import DIDIMSettings
 from .simulator import LogSimulator, RateSimulator
@@ -52,8 +52,8 @@ class Iterations:
     ----------
     problem : Problem
         Linear problem along the motion of an iterate.
-    globalisation : Globalisation
-        Rule for the length of a step.
+    globalisation : SafeSteps or SecantSteps
+        Rule for the length of a step: secant steps among robots.
     history : list of Iteration
         Iterations so far.
     status : Status
@@ -69,8 +69,11 @@ class Iterations:
     iterate: Iterate
     solved: Solved
 
-    def __init__(self, problem: Problem, globalisation: Globalisation) -> None:
-        self.problem, self.globalisation, self.reporter = problem, globalisation, problem.reporter
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.reporter = problem, problem.reporter
+        self.globalisation: SafeSteps | SecantSteps = SafeSteps(problem)
+        if isinstance(problem, ConsistentProblem):
+            self.globalisation = SecantSteps(problem)
         self.method, self.simulator = problem.method, problem.simulator
         self.history: list[Iteration] = []
         self.status, self.over = Status.NOT_CONVERGED, False
@@ -86,10 +89,8 @@ class Iterations:
     def of(cls, method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
         """Return the iterations of a job: among robots if its solver is consistent."""
         if isinstance(job.solver, ConsistentSolver):
-            consistent = ConsistentProblem(RateSimulator(method, job, reporter), job.solver)
-            return cls(consistent, SecantSteps(consistent))
-        problem = Problem(LogSimulator(method, job, reporter))
-        return cls(problem, SafeSteps(problem))
+            return cls(ConsistentProblem(RateSimulator(method, job, reporter), job.solver))
+        return cls(Problem(LogSimulator(method, job, reporter)))
 
     def result(self) -> Identification:
         """Iterate to the end, and build the result."""
