@@ -161,7 +161,7 @@ class Search:
         spread, condition, remarks = spread_at(problem, self.errors, self.jacobian)
         if math.isinf(condition) and status is Status.CONVERGED:
             status = Status.ILL_CONDITIONED
-        known_noise = problem.weight_q.all()
+        positions = problem.weights.get("q")
         fit = problem.result(
             self.steps.point(self.candidate),
             status=status,
@@ -169,7 +169,7 @@ class Search:
             spread=spread,
             condition_number=condition,
             settings={
-                "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if known_noise else None,
+                "noise_position": None if positions is None else (1.0 / np.sqrt(positions)).tolist(),
                 "cost": self.cost,
                 "initial_cost": self.initial,
                 "moved_by_finer_steps": self.shift_by_finer_steps,
@@ -270,16 +270,16 @@ def weigh_by_noise(problem: OutputError) -> None:
         raise FitError(
             f"{problem.job.experiment.name}: CLOE estimates the noise from more than {NOISE_SAMPLES} samples, got {len(q)}"
         )
-    if method.output in ("position", "both"):
+    if "q" in problem.weights:
         noise = white_noise(q) if method.noise is None else np.asarray(method.noise, dtype=np.float64)
         if noise.shape != (problem.robot.n_dof,):
             raise FitError(
                 f"noise needs {problem.robot.n_dof} positive numbers, one per joint, got {method.noise!r}"
             )
-        problem.weight_q = 1.0 / noise**2
-    if method.output in ("torque", "both"):
+        problem.weights["q"] = 1.0 / noise**2
+    if "tau" in problem.weights:
         tau = np.concatenate([window.tau for window in problem.windows])
-        problem.weight_tau = 1.0 / white_noise(tau) ** 2
+        problem.weights["tau"] = 1.0 / white_noise(tau) ** 2
 
 
 def _eigen(normal: Array) -> tuple[Array, Array, Array]:

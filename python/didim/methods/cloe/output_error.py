@@ -45,6 +45,8 @@ CHECKED_POSITIONS = 200
 """Number of positions at which M(q) must stay positive definite."""
 TOGETHER = 64
 """Largest number of candidates whose trajectories are held in memory at once."""
+COMPARED = {"position": ("q",), "torque": ("tau",), "both": ("q", "tau")}
+"""Signals of a simulation that each setting of the output compares."""
 DERIVATIVE_STEP = 1e-4
 """Parameter step of a finite difference, as the share of the torques that it changes."""
 
@@ -72,8 +74,8 @@ class OutputError:
         Change of each parameter that changes the torques along the reference by their own size.
     directions : Directions
         Parameters whose derivatives share a simulation.
-    weight_q, weight_tau : (n_dof,) arrays
-        Weights of squared position and torque errors; zero for an unused output.
+    weights : dict of str to (n_dof,) array
+        Weights of the squared errors of the compared outputs, "q" and "tau".
     n_simulations : int
         Simulations so far.
     """
@@ -89,9 +91,7 @@ class OutputError:
         self.start = self._start()
         self.scale, acts = self._scale()
         self.directions = Directions.of(self.robot, acts)
-        n = self.robot.n_dof
-        self.weight_q = np.full(n, 1.0 if method.output in ("position", "both") else 0.0)
-        self.weight_tau = np.full(n, 1.0 if method.output in ("torque", "both") else 0.0)
+        self.weights = {name: np.ones(self.robot.n_dof) for name in COMPARED[method.output]}
 
     def standard(self, points: Array) -> Array:
         """Return standard parameters of (m, n) points, (m, n_parameters), followed by the further ones of the logs."""
@@ -99,7 +99,7 @@ class OutputError:
 
     def costs(self, points: Array) -> Array:
         """Return sums of weighted squared errors, (m,); infinite if a run ends early or a point is not finite."""
-        total = np.zeros(len(points))
+        total, unused = np.zeros(len(points)), np.zeros(self.robot.n_dof)
         good = np.isfinite(points).all(axis=1)
         total[~good] = np.inf
         if good.any():
@@ -109,8 +109,8 @@ class OutputError:
                     self.base.standard(x, window.recording),
                     window.q,
                     window.tau,
-                    weight_q=self.weight_q,
-                    weight_tau=self.weight_tau,
+                    weight_q=self.weights.get("q", unused),
+                    weight_tau=self.weights.get("tau", unused),
                     threads=self.method.threads,
                 )
                 total[good] += np.where(np.isnan(costs), np.inf, costs)
@@ -126,15 +126,13 @@ class OutputError:
     def _errors(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         x = self.standard(points)
         rows, completed = [], np.ones(len(points), dtype=bool)
-        weights = {"q": self.weight_q, "tau": self.weight_tau}
-        used = {name: np.sqrt(weight) for name, weight in weights.items() if weight.any()}
         for window in self.windows:
             own = self.base.standard(x, window.recording)
-            simulated, outcomes = window.loop.run(own, threads=self.method.threads, signals=used)
+            simulated, outcomes = window.loop.run(own, threads=self.method.threads, signals=self.weights)
             completed &= np.array([outcome.completed for outcome in outcomes])
-            for errors, (name, root) in zip(simulated, used.items(), strict=True):
-                errors -= window.q if name == "q" else window.tau
-                errors *= root
+            for errors, (name, weight) in zip(simulated, self.weights.items(), strict=True):
+                errors -= getattr(window, name)
+                errors *= np.sqrt(weight)
                 rows.append(errors.reshape(len(points), -1))
         return np.concatenate(rows, axis=1) if len(rows) > 1 else rows[0], completed
 
@@ -142,9 +140,7 @@ class OutputError:
         """Return the blocks of the rows: by output, window, sample and joint."""
         blocks, start, n = [], 0, self.robot.n_dof
         for window in self.windows:
-            for weights in (self.weight_q, self.weight_tau):
-                if not weights.any():
-                    continue
+            for _ in self.weights:
                 stop = start + window.q.size
                 blocks += [
                     Block(
