@@ -140,11 +140,11 @@ def with_known_friction(
         recorded = {part.recording for part in parts}
         steps = [encoder_step(experiment.recordings[k].measured_positions()) for k in sorted(recorded)]
         choice = choose_terms(robot, parts, job.signal, chosen, job.estimate, np.max(steps, axis=0))
-        return replace(experiment, robot=robot.with_terms(choice.friction.terms)), FoundFriction(
-            choice.velocities, choice
-        )
-    refined = settled(robot, parts, job.signal, chosen, job.estimate)
-    return replace(experiment, robot=refined.robot), FoundFriction(refined.velocities)
+        robot, found = robot.with_terms(choice.friction.terms), FoundFriction(choice.velocities, choice)
+    else:
+        refined = settled(robot, parts, job.signal, chosen, job.estimate)
+        robot, found = refined.robot, FoundFriction(refined.velocities)
+    return replace(experiment, robot=robot), found
 
 
 def _check_temperature(method: Method, experiment: Experiment) -> None:

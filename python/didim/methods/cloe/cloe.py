@@ -15,15 +15,16 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.words import counted
-from ...errors import DidimError
+from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
+from ...result.further import Further
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.status import Status
+from ..idim_ls import direct_estimate
 from ..job import recordings_of
 from ..positions.estimate import identify_positions
 from .consistent import consistent_steps
-from .held_gains import run_with_held_gains
 from .levenberg_marquardt import SafeSteps, search
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -32,6 +33,8 @@ from .simplex import SimplexSearch
 START_SPREAD = 0.3
 """Standard deviation of a further start, in changes of the parameters, given as the share of the torques that each change
 makes."""
+ASKED_TO_END = (Status.STOPPED, Status.INTERRUPTED)
+"""Endings of a search after which no other begins."""
 SAME_OPTIMUM = 1e-3
 """Relative difference of two costs below which they belong to the same optimum."""
 
@@ -96,11 +99,11 @@ class CLOE(CLOESettings):
         if experiment.links == "fixed":
             return identify_positions(self, experiment, reporter)
         if any(recording.drives is not None for _, recording in recordings_of(experiment)):
-            return run_with_held_gains(self, self.run, experiment, reporter)
+            return _run_with_held_gains(self, experiment, reporter)
         begun = self._begun(experiment, reporter)
         problem = begun.problem
         first = self._search(begun)
-        if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
+        if self.starts == 1 or first.status in ASKED_TO_END:
             return first
         fits, interrupted = [first], False
         sent: list[Future[Identification]] = []
@@ -116,7 +119,7 @@ class CLOE(CLOESettings):
                 except DidimError as reason:
                     reporter.say(f"start {number}: {reason}")
                     continue
-                if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED):
+                if fits[-1].status in ASKED_TO_END:
                     break
         except KeyboardInterrupt:
             interrupted = True
@@ -180,8 +183,56 @@ def _best(fits: Sequence[Identification], asked: int) -> Identification:
     return replace(
         best,
         # Time and simulations of all searches, not only of the best.
-        status=fits[-1].status if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED) else best.status,
+        status=fits[-1].status if fits[-1].status in ASKED_TO_END else best.status,
         n_simulations=sum(fit.n_simulations for fit in fits),
         remarks=(*best.remarks, sentence),
         settings={**best.settings, "starts": record},
+    )
+
+
+def _run_with_held_gains(method: CLOE, experiment: Experiment, reporter: Reporter) -> Identification:
+    """Identify the drive gains of currents by IDIM-LS, and the other parameters by CLOE with the resulting torques.
+
+    Positions say nothing of drive gains, and CLOE compares no currents. What it estimates does not depend on the gains: its
+    covariance and theirs stand side by side. Tested in ``tests/test_drive_gains.py``.
+
+    Raises
+    ------
+    FitError
+        For an output with torques, whose errors would depend on the gains.
+    """
+    if method.output != "position":
+        raise FitError(
+            f"output {method.output!r} compares torques, but experiment '{experiment.name}' has currents: use output "
+            "'position', or identify the drive gains by didim and give them as gain = [...]"
+        )
+    direct = direct_estimate(method, experiment, reporter)
+    known = direct.further
+    assert known is not None
+    assert known.gains is not None
+    fit = method.run(experiment.with_gains(known.gains), reporter)
+    return replace(
+        fit,
+        further=_with_gains(fit, known),
+        remarks=(
+            *fit.remarks,
+            "positions do not identify drive gains: these are the gains of IDIM-LS, with its standard deviations",
+        ),
+    )
+
+
+def _with_gains(fit: Identification, direct: Further) -> Further:
+    """Return the further parameters of a result followed by the drive gains of another one."""
+    own, part = fit.further, direct.part("gain")
+    if own is None:
+        own = Further(blocks=(), values=np.zeros(0), covariance=fit.covariance, std_white=np.zeros(0))
+    n = part.stop - part.start
+    whole = np.zeros((len(own.covariance) + n,) * 2)
+    whole[:-n, :-n], whole[-n:, -n:] = own.covariance, direct.covariance_of(part)
+    return replace(
+        own,
+        blocks=(*own.blocks, *(block for block in direct.blocks if block.kind == "gain")),
+        values=np.concatenate([own.values, direct.values[part]]),
+        covariance=whole,
+        std_white=np.concatenate([own.std_white, direct.std_white[part]]),
     )
