@@ -197,8 +197,7 @@ def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one(d
     job = method.job(log, log.simulation.robot(log.robot))
     assert isinstance(job.solver, ConsistentSolver)
     system = job.system(job.parts("fit", job.delay()))
-    problem = job.solver.on(system).problem
-    assert problem is not None
+    problem = job.solver.on(system)
     fit = job.solver(system, job.settings)
     assert fit.standard is not None
     # The rows of the last solution: of the weights that it began with.

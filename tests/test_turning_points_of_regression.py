@@ -256,9 +256,8 @@ def test_a_prior_weighs_a_hundredth_of_a_nat_beside_a_log(monkeypatch: pytest.Mo
     monkeypatch.setattr("didim.regression.consistent.solver._inflation", lambda system: 2.0)
     robot = planar()
     job = didim.IDIMLS().job(log(robot, parameters(robot)))
-    solver = Consistent().for_robot(robot, job.selection).on(job.system(job.parts("fit")))
-    assert solver.problem is not None
-    assert solver.problem.gamma == pytest.approx(2.0 * 0.01)
+    problem = Consistent().for_robot(robot, job.selection).on(job.system(job.parts("fit")))
+    assert problem.gamma == pytest.approx(2.0 * 0.01)
 
 
 def test_a_generic_solid_has_a_hundred_grams_at_least() -> None:

@@ -59,10 +59,9 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
     if job.parameters.n_gains:
         raise FitError(f"the start {name!r} needs torques, and drive gains are unknown: start from 'idim-ls'")
     system = job.system(job.parts("fit", delay))
-    solver = CONSISTENT.for_logs(job.parameters, job.selection).on(system)
-    assert solver.problem is not None
+    solver = CONSISTENT.for_logs(job.parameters, job.selection)
     if name == "prior":
-        return solver.problem.start
+        return solver.on(system).start
     standard = solver(system, job.settings).standard
     assert standard is not None
     return standard

@@ -145,7 +145,6 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     solver = CONSISTENT.for_logs(job.parameters, job.selection)
     consistent = ConsistentProblem(RateSimulator(didim, job, reporter.without_iterations), solver)
     begun = Iterations(consistent).result()
-    assert consistent.conditions is not None
     x = job.parameters.extended(begun.parameters, further_of(begun))
     problem = OutputError(
         replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), reporter

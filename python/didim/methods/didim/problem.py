@@ -225,6 +225,7 @@ class ConsistentProblem(Problem):
     steady_within = 3.0
     most_lost = 3
     simulator: RateSimulator
+    conditions: ConstrainedProblem
 
     def __init__(self, simulator: RateSimulator, solver: ConsistentSolver) -> None:
         super().__init__(simulator)
@@ -237,13 +238,12 @@ class ConsistentProblem(Problem):
         self.measured = job.system(parts)
         q = np.concatenate([part.q for part in parts])
         q = np.ascontiguousarray(q[:: max(1, len(q) // POSITIONS)])
-        first = solver.on(self.measured)
-        direct = first(self.measured, job.settings)
+        free = replace(solver, problem=solver.on(self.measured))
+        direct = free(self.measured, job.settings)
         assert direct.standard is not None
-        assert first.problem is not None
         experiment = with_gains(job.experiment, direct.standard[: len(self.robot.parameter_names)], q)
         damping = damping_of(simulator.windows_of(experiment)[0].loop.controller)
-        self.solver, self.direct, self.step_s = simulable(solver, self.measured, job.settings, damping)
+        self.solver, self.direct, self.step_s = simulable(free, direct, self.measured, job.settings, damping)
         assert self.solver.problem is not None
         assert self.direct.standard is not None
         self.conditions = self.solver.problem
@@ -260,10 +260,8 @@ class ConsistentProblem(Problem):
     def start(self) -> Array:
         """Return the standard parameters of the start, which belong to a robot."""
         start = self.method.chosen_start
-        assert self.conditions is not None
-        assert self.direct.standard is not None
         if isinstance(start, str) and start in STARTS:
-            return self.direct.standard
+            return self.simulator.real
         if isinstance(start, str) and start == "prior":
             return self.conditions.start
         x = self.base.extended(standard_start(self.robot, start), further_of(start))
@@ -282,7 +280,6 @@ class ConsistentProblem(Problem):
         if system.instruments is None:
             return self.solver(system, self.job.settings)
         problem = self.conditions
-        assert problem is not None
         free = solve_with_instruments(system, self.job.settings)
         root = root_of(free.covariance)
         constrained = problem.solve(root, root @ free.solution)

@@ -8,6 +8,7 @@ Tested in ``tests/test_consistent.py``.
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,14 +44,14 @@ def damping_of(controller: Controller) -> Array:
 
 
 def simulable(
-    solver: ConsistentSolver, system: LinearSystem, settings: LeastSquaresSettings, damping: Array
+    free: ConsistentSolver, fit: Fit, system: LinearSystem, settings: LeastSquaresSettings, damping: Array
 ) -> tuple[ConsistentSolver, Fit, float | None]:
     """Return the solver with the conditions (B) of the largest admissible step, its solution and that step (s).
 
     Parameters
     ----------
-    solver : ConsistentSolver
-        Solver whose robot has smooth friction.
+    free, fit : ConsistentSolver and Fit
+        Solver without the conditions, whose robot has smooth friction, and its solution.
     system : LinearSystem
         Rows along the measured motion.
     settings : LeastSquaresSettings
@@ -58,16 +59,14 @@ def simulable(
     damping : (n_dof,) array
         See `damping_of`.
     """
-    free = solver.on(system)
-    fit = free(system, settings)
-    smoothing = solver.robot.friction.smoothing
-    if solver.robot.friction.coulomb != "tanh" or not all(smoothing):
+    smoothing = free.robot.friction.smoothing
+    if free.robot.friction.coulomb != "tanh" or not all(smoothing):
         return free, fit, None
     cost = float(np.sum((fit.residual * fit.weights) ** 2))
     step = FINE_STEP
     for _ in range(HALVINGS):
         wanted = Simulability(step, RATE, tuple(damping.tolist()), tuple(smoothing))
-        bound = solver.on(system, wanted)
+        bound = replace(free, problem=free.on(system, wanted))
         try:
             other = bound(system, settings)
         except FitError:  # fixed or dropped rotors contradict (B)

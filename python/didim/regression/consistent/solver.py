@@ -107,15 +107,14 @@ class ConsistentSolver:
     problem: ConstrainedProblem | None = None
     logs: LogParameters | None = None
 
-    def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConsistentSolver:
-        """Return the solver with its prior sized by a log, and with conditions (B) if requested."""
+    def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConstrainedProblem:
+        """Return the problem with its prior sized by a log, and with conditions (B) if requested."""
         wish = self.settings
         prior = prior_of(self.robot, wish.prior, system, self.selection)
         gamma = gamma_of(system) if wish.gamma is None else wish.gamma
-        problem = ConstrainedProblem(
+        return ConstrainedProblem(
             self.robot, self.selection, prior, gamma, wish.bounds, simulability, self.logs
         )
-        return replace(self, problem=problem)
 
     def __call__(
         self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
@@ -129,8 +128,7 @@ class ConsistentSolver:
         """
         if not system.y.size or not (np.isfinite(system.w).all() and np.isfinite(system.y).all()):
             raise FitError("the linear system has no rows, or values that are not finite")
-        problem = self.problem or self.on(system).problem
-        assert problem is not None
+        problem = self.problem or self.on(system)
         unweighted, projected = triangle_of(system.w, system.y)
         plain = _plain(unweighted, projected)
         rest = system.y - system.w @ plain
