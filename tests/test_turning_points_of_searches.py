@@ -23,7 +23,8 @@ from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
-from didim.methods.didim.windows import Iterate, Solved, simulated_all
+from didim.methods.didim.simulator import LogSimulator
+from didim.methods.didim.windows import Iterate, Solved
 from didim.methods.job import Job
 from didim.signal.filters import low_pass
 from didim.signal.processing import SignalProcessing
@@ -132,7 +133,9 @@ def test_candidates_are_simulated_eight_at_a_time() -> None:
         return [np.zeros((len(x), 3, 1))] * 4, [Outcome(SimulationStatus.DIVERGED)] * len(x)
 
     window = stub(standard=lambda x: x, motion=lambda arrays, k: None, loop=stub(run=run))
-    assert len(simulated_all([cast(Any, window)], [np.zeros(1)] * 20)) == 20
+    simulator = stub(windows=[window], n_simulations=0)
+    assert len(LogSimulator.simulate_all(simulator, [np.zeros(1)] * 20)) == 20
+    assert simulator.n_simulations == 20
     assert sizes == [8, 8, 4]
 
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...loop.outcome import Outcome, SimulationStatus
-from ...model.safe_step import safe_step
+from ...model.safe_step import safe_step, thinned
 from ...regression.covariance import inverse
 from .problem import ConsistentProblem, Problem
-from .windows import Iterate, Simulated, Solved, Step, checked_positions
+from .simulator import CHECKED_POSITIONS
+from .windows import Iterate, Simulated, Solved, Step
 
 MOST_HALVINGS = 20
 """Largest number of times a step is halved when the simulation after it ends early."""
@@ -55,7 +56,7 @@ class SafeSteps:
         return min(
             safe_step(
                 self.problem.robot,
-                checked_positions(np.concatenate(q)),
+                thinned(np.concatenate(q), CHECKED_POSITIONS),
                 parameters.standard(iterate.x, recording),
                 parameters.standard(solved.target, recording),
                 self.method.margin,

@@ -12,20 +12,29 @@ import numpy as np
 
 from ..._tools.arrays import Array, quotient
 from ..._tools.threads import core_threads
-from ...errors import DidimError
+from ...errors import DidimError, FitError
 from ...evidence.naming import torque_findings
 from ...experiment.experiment import Experiment
+from ...experiment.loop import closed_loop
 from ...loop.outcome import Outcome
 from ...loop.tuning import mean_diagonal
+from ...model.safe_step import thinned
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Reporter
+from ...signal.align import align
+from ...signal.segments import kept_samples, place_of
+from ...signal.spikes import without_spikes
 from ..idim_ls import direct_estimate
 from ..job import Job, recordings_of
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, largest_rates
-from .windows import Simulated, Window, checked_positions, simulated, simulated_all, windows_of
+from .windows import Simulated, Window, of_motions
 
+ABREAST = 8
+"""Number of candidates that are simulated at once: a few lanes of the core per thread, in bounded memory."""
+CHECKED_POSITIONS = 500
+"""Number of positions along a simulated motion at which M(q) must stay positive definite."""
 CAREFUL = 2
 """Divisor of the smallest step when a simulation fails; the run is repeated with that uniform step."""
 SAME = 1e-9
@@ -67,9 +76,43 @@ class LogSimulator:
         self._direct: Identification | None = None
 
     def windows_of(self, experiment: Experiment) -> list[Window]:
-        """Return the windows of the log in the closed loop of an experiment."""
-        job = replace(self.job, experiment=experiment)
-        return windows_of(job, self.delay, held=self.method.motion == "measured")
+        """Return the windows of the fitted recordings in the closed loop of an experiment, with their torque delay compensated.
+
+        Torques along measured motion also compensate the hold of a digital controller, as in IDIM-LS.
+
+        Raises
+        ------
+        FitError
+            Without a recording to fit, without torques, or when trimming leaves nothing of a window.
+        """
+        signal, windows = self.job.signal, []
+        for number, recording in recordings_of(experiment):
+            torque = recording.driving
+            if torque is None:
+                raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
+            held = self.method.motion == "measured"
+            shift = self.delay.measured(recording.rate_hz) if held else self.delay.samples
+            for window, (start, stop) in enumerate(recording.windows):
+                # The torque delay is compensated as in IDIM-LS; the motion is simulated later.
+                samples = np.arange(stop - start, dtype=np.float64)[:, None]
+                (index,), tau = align([samples], without_spikes(torque[start:stop], signal), shift)
+                where = place_of(recording, (start, stop))
+                inside = kept_samples(len(tau), where, signal)
+                first = int(index[0, 0])
+                windows.append(
+                    Window(
+                        loop=closed_loop(experiment, recording, (start, stop)),
+                        name=recording.name,
+                        place=where,
+                        recording=number,
+                        window=window,
+                        tau=np.ascontiguousarray(tau[inside]),
+                        kept=slice(first + inside.start, first + inside.stop),
+                        parameters=self.job.parameters,
+                        drives=None if recording.drives is None else np.array(recording.drives),
+                    )
+                )
+        return windows
 
     @property
     def measured(self) -> bool:
@@ -93,14 +136,29 @@ class LogSimulator:
                     fine = finer.result()
             self.n_simulations += 1
             return run if isinstance(run, Outcome) else replace(run, finer=fine)
-        run, count = simulated(self.windows, x, scale)
-        self.n_simulations += count
-        return run
+        motions = []
+        for window in self.windows:
+            motion, outcome = window.run(x, scale)
+            self.n_simulations += 1
+            if not outcome.completed:
+                return outcome
+            motions.append(motion)
+        return of_motions(self.windows, x, motions, scale)
 
     def simulate_all(self, candidates: Sequence[Array]) -> list[Simulated | Outcome]:
         """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
+        results: list[Simulated | Outcome] = []
+        for first in range(0, len(candidates), ABREAST):
+            some = candidates[first : first + ABREAST]
+            runs = [
+                (each, *each.loop.run(np.stack([each.standard(x) for x in some]))) for each in self.windows
+            ]
+            for k, x in enumerate(some):
+                ended = [outcomes[k] for _, _, outcomes in runs if not outcomes[k].completed]
+                motions = [window.motion(arrays, k) for window, arrays, _ in runs]
+                results.append(ended[0] if ended else of_motions(self.windows, x, motions, None))
         self.n_simulations += len(candidates) * len(self.windows)
-        return simulated_all(self.windows, candidates)
+        return results
 
     def finer(self, x: Array, simulated: Simulated) -> Array:
         """Return the torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
@@ -145,7 +203,7 @@ class LogSimulator:
     def reference_positions(self) -> Array:
         """Return positions along the references at which M(q) is evaluated, (n, n_dof)."""
         positions = [window.loop.reference.at(window.loop.t)[0] for window in self.windows]
-        return checked_positions(np.concatenate(positions))
+        return thinned(np.concatenate(positions), CHECKED_POSITIONS)
 
     def gain_scale(self, x: Array) -> Array | None:
         """Return the factor of each joint's gains: J(x) over the J of the real robot, (n_dof,); None for 1 or no scaling."""

@@ -8,24 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
-from ...errors import FitError
 from ...evidence.loop.simulated import Piece, compare_motions
-from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...loop.outcome import Outcome
-from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
 from ...regression.logs.parameters import LogParameters
-from ...signal.align import align
-from ...signal.segments import Segment, kept_samples, place_of
-from ...signal.spikes import without_spikes
-from ..job import Delay, Job, ratio, recordings_of
-
-ABREAST = 8
-"""Number of candidates that are simulated at once: a few lanes of the core per thread, in bounded memory."""
-CHECKED_POSITIONS = 500
-"""Number of positions along a simulated motion at which M(q) must stay positive definite."""
+from ...signal.segments import Segment
+from ..job import Job, ratio
 
 Motion = tuple[Array, Array, Array, Array]
 """Simulated ``q dq ddq tau`` of a window, (n_kept, n_dof) each."""
@@ -131,70 +121,6 @@ class Step:
     """Whether the step keeps the parameters and only simulates them with smaller steps in time."""
 
 
-def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
-    """Return the windows of the fitted recordings, with their torque delay compensated.
-
-    `held` for torques along measured motion, which also compensates the hold of a digital controller, as in IDIM-LS.
-
-    Raises
-    ------
-    FitError
-        Without a recording to fit, without torques, or when trimming leaves nothing of a window.
-    """
-    windows = []
-    for number, recording in recordings_of(job.experiment):
-        torque = recording.driving
-        if torque is None:
-            raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
-        for window, (start, stop) in enumerate(recording.windows):
-            loop = closed_loop(job.experiment, recording, (start, stop))
-            # The torque delay is compensated as in IDIM-LS; the motion is simulated later.
-            samples = np.arange(stop - start, dtype=np.float64)[:, None]
-            shift = delay.measured(recording.rate_hz) if held else delay.samples
-            (index,), tau = align([samples], without_spikes(torque[start:stop], job.signal), shift)
-            where = place_of(recording, (start, stop))
-            inside = kept_samples(len(tau), where, job.signal)
-            first = int(index[0, 0])
-            windows.append(
-                Window(
-                    loop=loop,
-                    name=recording.name,
-                    place=where,
-                    recording=number,
-                    window=window,
-                    tau=np.ascontiguousarray(tau[inside]),
-                    kept=slice(first + inside.start, first + inside.stop),
-                    parameters=job.parameters,
-                    drives=None if recording.drives is None else np.array(recording.drives),
-                )
-            )
-    return windows
-
-
-def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple[Simulated | Outcome, int]:
-    """Simulate every window with standard parameters, (n_parameters,), and scaled gains; return also the number of simulations."""
-    motions = []
-    for count, window in enumerate(windows, start=1):
-        motion, outcome = window.run(x, scale)
-        if not outcome.completed:
-            return outcome, count
-        motions.append(motion)
-    return of_motions(windows, x, motions, scale), len(windows)
-
-
-def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> list[Simulated | Outcome]:
-    """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
-    results: list[Simulated | Outcome] = []
-    for first in range(0, len(candidates), ABREAST):
-        some = candidates[first : first + ABREAST]
-        runs = [window.loop.run(np.stack([window.standard(x) for x in some])) for window in windows]
-        for k in range(len(some)):
-            ended = [outcomes[k] for _, outcomes in runs if not outcomes[k].completed]
-            motions = [window.motion(arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
-            results.append(ended[0] if ended else of_motions(windows, some[k], motions, None))
-    return results
-
-
 def of_motions(
     windows: Sequence[Window],
     x: Array,
@@ -237,8 +163,3 @@ def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:
         )
         for window, (q, dq, ddq, _) in zip(windows, motion.motions, strict=True)
     ]
-
-
-def checked_positions(q: Array) -> Array:
-    """Return the positions at which M(q) must be positive definite, (n, n_dof)."""
-    return thinned(q, CHECKED_POSITIONS)
