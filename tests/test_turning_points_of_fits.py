@@ -40,6 +40,7 @@ from didim.regression.jackknife import Factors
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
 from didim.regression.logs.parameters import independent
+from didim.regression.selection import Selection
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.friction import FrictionTerm
 from didim.signal.processing import SignalProcessing
@@ -369,6 +370,6 @@ def test_three_rows_a_parameter_without_a_block(rows: int, rough: bool) -> None:
     w = np.random.default_rng(0).standard_normal((rows, 11))
     found = spread_of_factors(
         Factors.of(w[:, :10], w[:, 10]), np.eye(10), "white", [Block(rows=slice(0, rows), joint=0)], LeastSquaresSettings(),
-        stub(roles=["estimated"] * 10, estimated=np.arange(10)), [f"p{number}" for number in range(10)],
+        Selection(roles=("estimated",) * 10, values=np.zeros(10)), [f"p{number}" for number in range(10)],
     )  # fmt: skip
     assert any("the standard deviations are rough" in remark for remark in found.remarks) is rough

@@ -87,9 +87,8 @@ def spread_of_fit(
         velocities = wider.names[len(system.names) :]
         if velocities:
             noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)
-    known: Kind = "white" if settings.uncertainty == "white" else "decimated"
-    if known == "decimated" and all(block.correlation is None for block in system.blocks):
-        known = "white"
+    coloured = any(block.correlation is not None for block in system.blocks)
+    known: Kind = "decimated" if coloured and settings.uncertainty != "white" else "white"
     spread = spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
     return replace(spread, velocities=velocities)
 
@@ -140,19 +139,13 @@ def spread_of_factors(
     variance = float(factors.residual @ factors.residual) / max(1, settings.divisor(rows, columns))
     n = len(names)
     wide, covariance = covariance, covariance[:n, :n]
-    white = np.sqrt(variance * np.sum(factors.inverse[:n] ** 2, axis=1))
-
-    def whole(values: Array) -> Array:
-        full = np.zeros((*values.shape[:-1], len(selection.roles)))
-        full[..., selection.estimated] = values
-        return full
-
+    white = selection.among_all(np.sqrt(variance * np.sum(factors.inverse[:n] ** 2, axis=1)))
     parts = intervals(blocks, settings.blocks) if settings.uncertainty == "jackknife" else []
     if len(parts) < 2:
         plain = Uncertainty(
             kind=known,
             degrees_of_freedom=float(max(1, rows - columns)),
-            std_white=whole(white),
+            std_white=white,
         )
         short = settings.uncertainty == "jackknife"
         remark = (
@@ -172,9 +165,9 @@ def spread_of_factors(
         Uncertainty(
             kind="jackknife",
             degrees_of_freedom=fewer - 1.0,
-            std_white=whole(white),
+            std_white=white,
             blocks=tuple(TimeBlock(part.recording, part.window, part.start_s, part.stop_s) for part in parts),
-            deletions=whole(chosen.deletions),
+            deletions=selection.among_all(chosen.deletions),
             single_block={
                 name: int(block) for name, block in zip(names, decisive, strict=True) if block >= 0
             },
@@ -211,8 +204,7 @@ def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selectio
     """
     if spread.uncertainty is None:
         return spread
-    shifts = np.zeros((2, len(selection.roles)))
-    shifts[:, selection.estimated] = alarm.shift, positions
+    shifts = selection.among_all(np.stack([alarm.shift, positions]))
     uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shifts[0]), positions=shifts[1])
     if uncertainty.kind != "jackknife" or not shifts.any():
         return replace(spread, uncertainty=uncertainty)

@@ -39,9 +39,13 @@ class Selection:
 
     def expand(self, estimate: Array) -> Array:
         """Vector of all base parameters, shape (b,), from that of the estimated ones."""
-        beta = self.values.copy()
-        beta[self.estimated] = estimate
-        return beta
+        return self.values + self.among_all(estimate)
+
+    def among_all(self, values: Array) -> Array:
+        """Values of the estimated base parameters among those of all, shape (..., b): zero for the others."""
+        full = np.zeros((*values.shape[:-1], len(self.roles)))
+        full[..., self.estimated] = values
+        return full
 
     def expand_covariance(self, covariance: Array) -> Array:
         """Covariance of all base parameters, shape (b, b): zero for those that are not estimated."""

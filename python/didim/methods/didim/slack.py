@@ -171,8 +171,7 @@ def simulated_rows(problem: Problem, run: Simulated) -> Array:
 
 def torques_after(problem: Problem, x: Array, changes: Sequence[Array]) -> list[Array] | None:
     """Return `simulated_rows` after changes of the estimated base parameters, (n,) each; None if a run ends early."""
-    beta = np.zeros((len(changes), len(problem.job.selection.roles)))
-    beta[:, problem.job.selection.estimated] = changes
+    beta = map(problem.job.selection.among_all, changes)
     runs = problem.simulator.simulate_all([x + problem.base.lift(change) for change in beta])
     torques = [simulated_rows(problem, run) for run in runs if isinstance(run, Simulated)]
     return torques if len(torques) == len(runs) else None

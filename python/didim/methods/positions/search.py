@@ -134,7 +134,7 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> S
     damping, done = FIRST_DAMPING, len(now.history)
     while len(now.history) < most:
         a, b = now.normal()
-        accepted, last, fall, size = False, False, 0.0, 0.0
+        fall, size = 0.0, 0.0
         for raised in range(MOST_RAISES):
             step = bounded_step(now, a, b, damping)
             trial = np.clip(now.theta + step, low, high)
@@ -145,10 +145,8 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> S
                 (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
             )
             cost = _cost(now, tried, trial)
-            if cost < now.cost:  # not so where a run has ended early, for NaN is not smaller
-                accepted = True
-                break
-            if last:
+            accepted = cost < now.cost  # not so where a run has ended early, for NaN is not smaller
+            if accepted or last:
                 break
             damping *= RAISE
         if accepted:
