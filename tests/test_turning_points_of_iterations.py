@@ -74,7 +74,7 @@ class Runs:
             method=stub(max_iterations=50),
             reporter=stub(progress=lambda entry: False),
         )
-        return slack.run_to_fixed_point(problem, stub(simulated=None), slow, [cast(Any, None)] * 3)
+        return slack.run_to_fixed_point(problem, stub(x=None, simulated=None), slow, [cast(Any, None)] * 3)
 
 
 @pytest.mark.parametrize(

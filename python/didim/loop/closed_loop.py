@@ -222,7 +222,9 @@ class ClosedLoop:
             _check_friction(robot)
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
         coarse = step if step is not None else (STEP if robot.friction.coulomb == "tanh" else SIGN_STEP)
-        fine = np.atleast_1d(fine_step if fine_step is not None else _fine(coarse, integrator))
+        if fine_step is None:  # implicit friction needs no finer step near zero velocities
+            fine_step = coarse if integrator == "imex" else min(coarse, FINE_STEP)
+        fine = np.atleast_1d(fine_step)
         if fine.shape not in ((1,), (n,)):
             raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
         steps = (float(coarse), np.broadcast_to(fine, n).astype(np.float64).tolist())
@@ -407,11 +409,6 @@ def _push(external: tuple[float, ArrayLike], n: int) -> tuple[float, Array]:
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise SimulationError(f"the rate of external must be positive, got {rate_hz}")
     return float(rate_hz), values
-
-
-def _fine(coarse: float, integrator: str) -> float:
-    """Return the default step near zero velocities (s); implicit friction needs no finer one."""
-    return coarse if integrator == "imex" else min(coarse, FINE_STEP)
 
 
 def _check_friction(robot: Robot) -> None:

@@ -254,19 +254,14 @@ def fitted(
     )
 
 
-def _encoder_steps(run: Run, parts: Sequence[Segment]) -> dict[int, Array]:
-    """Return the steps of the encoders in each recording, (n_dof,) (rad or m); none along simulated motion."""
-    if run.method.motion != "measured":
-        return {}
-    recordings = run.job.experiment.recordings
-    return {k: encoder_step(recordings[k].measured_positions()) for k in {part.recording for part in parts}}
-
-
 def _with_model_errors(
     run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], spread: Spread
 ) -> Spread:
     """Return a spread with the shifts by missing friction and errors of positions, and the friction of parameters that exchange."""
-    job, steps = run.job, _encoder_steps(run, parts)
+    job, recordings = run.job, run.job.experiment.recordings
+    # Simulated motion has no encoders.
+    numbers = {part.recording for part in parts} if run.method.motion == "measured" else ()
+    steps = {k: encoder_step(recordings[k].measured_positions()) for k in numbers}
     x = job.lift(fit.solution)
     standard = [job.parameters.standard(x, part.recording) for part in parts]
     load = [

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -121,10 +122,7 @@ def run_to_fixed_point(
     history : sequence of Iteration
         Iterations so far.
     """
-
-    def rows(changes: Sequence[Array]) -> list[Array] | None:
-        return torques_after(problem, iterate.x, changes)
-
+    rows = partial(torques_after, problem, iterate.x)
     try:
         solved, origin = _solved(problem, iterate), simulated_rows(problem, iterate.simulated)
         share = share_moved(solved.system, solved.fit, rows, origin)

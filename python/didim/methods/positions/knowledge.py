@@ -116,7 +116,9 @@ def unidentified(now: Search, *, strict: bool = False, error: float | None = Non
         if excess[worst] <= 1.0:
             return held
         k = int(use[worst])
-        partners = [problem.columns[use[p]].kind for p in partners_of(correlation, worst)]
+        sizes = np.abs(correlation[worst])
+        sizes[worst] = 0.0
+        partners = [problem.columns[use[p]].kind for p in np.argsort(-sizes)[:3] if sizes[p] > 0.5]
         others = brief(" and ".join(dict.fromkeys(partners)), 40) or "the others"
         column = problem.columns[k]
         held[k] = _held(
@@ -153,13 +155,6 @@ def _excess(
 def _range(column: Column) -> float:
     span = column.high - column.low
     return span if math.isfinite(span) else max(abs(column.start), 1e3 * column.step)
-
-
-def partners_of(correlation: Array, index: int) -> list[int]:
-    """Return the unknowns with the largest correlation with one, at most three, largest first."""
-    sizes = np.abs(correlation[index])
-    sizes[index] = 0.0
-    return [k for k in np.argsort(-sizes)[:3].tolist() if sizes[k] > 0.5]
 
 
 def weak_pairs(now: Search, a: Array) -> list[str]:
