@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 from .._tools.inputs import read_small_file
 from .._tools.keys import declared
@@ -32,7 +32,7 @@ from ..signal.processing import SignalProcessing
 from .experiment import Experiment
 from .loop_tables import read_controller, read_measurement, read_reference, read_simulation
 from .specs import SimulationSettings
-from .unknown import Unknown, joint_kinds, read_unknown
+from .unknown import read_unknown
 
 SCHEMA = 1
 """Version of the file format that this code reads."""
@@ -206,7 +206,7 @@ def _tables(table: Table, robot: Robot) -> dict[str, Any]:
     least_squares = _settings(table.part("least_squares"), LeastSquaresSettings)
     delay = _settings(table.part("delay"), DelaySettings, _delay_keys)
     fixed, dropped, links = _parameters(table.part("parameters"))
-    unknown = _optional(table, "unknown", robot, _unknown) or {}
+    unknown = _optional(table, "unknown", robot, read_unknown) or {}
     if unknown and links != "fixed":
         table.fail('[unknown] is for known links: [parameters] links = "fixed"')
     return {
@@ -296,10 +296,6 @@ def _delay_keys(table: Table) -> dict[str, Any]:
     return {"compensate_samples": value if isinstance(value, str) else table.number("compensate_samples")}
 
 
-def _unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
-    return read_unknown(table, joint_kinds(robot))
-
-
 def _parameters(
     table: Table,
 ) -> tuple[dict[str, float], tuple[str, ...], Literal["estimated", "fixed"]]:
@@ -307,6 +303,6 @@ def _parameters(
     values = table.part("fixed")
     fixed = {key: values.number(key) for key in values.content}
     dropped = tuple(table.texts("dropped"))
-    fixed_links = table.text("links") == "fixed"
+    links = cast('Literal["estimated", "fixed"]', table.text("links"))
     table.done()
-    return fixed, dropped, "fixed" if fixed_links else "estimated"
+    return fixed, dropped, links

@@ -66,12 +66,12 @@ def joint_kinds(robot: Robot) -> tuple[str, ...]:
     return tuple(dict.fromkeys(kind for kind in kinds if kind not in INERTIAL))
 
 
-def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
-    """Read ``[unknown]``: one table per kind of drive unknown, or of joint parameter in `others`."""
-    unknown = {}
+def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
+    """Read ``[unknown]``: one table per kind of drive unknown, or of joint parameter."""
+    unknown, known = {}, DRIVE + joint_kinds(robot)
     for kind in table.content:
-        if kind not in DRIVE + others:
-            table.fail(f"there is no unknown {kind!r}; there are {series(DRIVE + others)}")
+        if kind not in known:
+            table.fail(f"there is no unknown {kind!r}; there are {series(known)}")
         part = table.table(kind)
         low, high = RANGES.get(kind, (-math.inf, math.inf))
         low, high = part.number("min", low), part.number("max", high)

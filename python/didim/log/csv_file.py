@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -207,53 +206,20 @@ class CsvFile(DataFile):
         return self.names.index(column)
 
     def _load(self, usecols: list[int]) -> Array:
-        """Parse the requested columns; only after a failure, search the lines for the fault."""
+        """Parse the requested columns: the core reads plain text of numbers, and any other is read line by line."""
         if self._n_rows == 0:
             self.fail("there are no rows below the header")
-        plain = self._parse_plain(usecols)
-        if plain is not None:
-            return plain
-        quoted = b'"' in self._body
-        try:
-            values = np.loadtxt(
-                io.BytesIO(self._body),
-                delimiter=None if self._delimiter == " " else self._delimiter,
-                comments=None,
-                skiprows=0 if self.names is None else 1,
-                usecols=usecols,
-                ndmin=2,
-                quotechar='"' if quoted else None,
+        plain = None
+        if self._delimiter.isascii():
+            begin = 0 if self.names is None else self._body.find(b"\n") + 1
+            plain = _core.parse_table(
+                self._body[begin:], ord(self._delimiter), self.n_columns, usecols, core_threads()
             )
-        except ValueError as reason:
-            self._find_fault(usecols)
-            self.fail(f"{reason}")
-        # The parser ignores blank lines and additional cells. Both indicate lost samples or shifted columns, so the separators
-        # are counted.
-        if len(values) != self._n_rows or quoted or not self._is_rectangular():
-            self._find_fault(usecols)
-        if not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0]
-            where = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
-            self.fail(f"{where}, is {values[row, column]}{LOST_SAMPLE}")
-        return values
+        return self._parse_lines(usecols) if plain is None else plain
 
-    def _parse_plain(self, usecols: list[int]) -> Array | None:
-        """Let the core parse text of numbers only; None for any other text, which the slower reader handles with error messages."""
-        if not self._delimiter.isascii():
-            return None
-        begin = 0 if self.names is None else self._body.find(b"\n") + 1
-        return _core.parse_table(
-            self._body[begin:], ord(self._delimiter), self.n_columns, usecols, core_threads()
-        )
-
-    def _is_rectangular(self) -> bool:
-        lines = self._body.count(b"\n") + 1
-        if self._delimiter == " ":
-            return len(self._body.split()) == lines * self.n_columns
-        return self._body.count(self._delimiter.encode()) == lines * (self.n_columns - 1)
-
-    def _find_fault(self, usecols: list[int]) -> None:
-        """Raise on the first line that is blank, ragged or not numeric; return when there is none."""
+    def _parse_lines(self, usecols: list[int]) -> Array:
+        """Parse the lines one by one, and raise on the first that is blank, ragged or not numeric."""
+        values = np.empty((self._n_rows, len(usecols)))
         for number, line in self._lines():
             row = number - (self.names is not None)
             if row == 0:
@@ -262,18 +228,25 @@ class CsvFile(DataFile):
                 self.fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
             if len(cells) != self.n_columns:
-                hint = self._ragged_hint(len(cells), last=number == self._body.count(b"\n") + 1)
+                hint = self._ragged_hint(len(cells), last=row == self._n_rows)
                 self.fail(
                     f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
                     f"{self.n_columns}{hint}"
                 )
-            for index in usecols:
+            for k, index in enumerate(usecols):
                 cell = cells[index].strip()
-                if _number_or_none(cell) is None:
+                value = _number_or_none(cell)
+                if value is None:
                     comma = DECIMAL_COMMA.fullmatch(cell)
                     hint = '; for decimal commas, decimal = ","' if comma else ""
                     text = f"{cell!r}, not a number{hint}" if cell else f"empty{LOST_SAMPLE}"
                     self.fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
+                values[row - 1, k] = value
+        if not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0]
+            where = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
+            self.fail(f"{where}, is {values[row, column]}{LOST_SAMPLE}")
+        return values
 
     def _ragged_hint(self, count: int, *, last: bool) -> str:
         """End of a sentence on a line with another number of cells than the first."""

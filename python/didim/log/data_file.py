@@ -6,10 +6,10 @@ A file is opened once; all columns are requested first, then it is read once. Te
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 from .._tools.inputs import read_file
+from .._tools.plugins import loaded
 from ..errors import RecordingError
 from .csv_file import CsvFile
 from .data_format import DataFile
@@ -110,8 +110,5 @@ def open_data_file(
         known = " ".join((*TEXT, *READERS, PARQUET, *BAGS))
         raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are {known}")
     reader = READERS[suffix]
-    if isinstance(reader, str):
-        module, _, reader_name = reader.partition(":")
-        reader = getattr(import_module(module), reader_name)
-        assert not isinstance(reader, str)  # a class or function of the module
-    return reader(raw, name)
+    make: Reader = loaded(reader, "reader", RecordingError) if isinstance(reader, str) else reader
+    return make(raw, name)
