@@ -13,7 +13,7 @@ from didim._tools.arrays import Array
 from didim.excitation.problem import FINE, Problem
 from didim.excitation.search import starts
 from didim.excitation.search.descent import Descent
-from didim.excitation.search.starts import search
+from didim.excitation.search.starts import Search
 from didim.excitation.series import ScaledSeries, Series, SeriesBasis, _norm
 from didim.excitation.settings import ExcitationSettings
 from didim.excitation.task import Task
@@ -130,6 +130,6 @@ def test_perturbations_raise_the_criterion(monkeypatch: pytest.MonkeyPatch) -> N
         for seed in (1, 2):
             _, series, problem = tx40()
             v = np.random.default_rng(seed).normal(size=series.size)
-            best = search(problem, [v], 200, seed, threading.Event())
+            best = Search(problem, 200, seed, threading.Event()).run([v])
             found[name].append(-problem.value(best, 1.0)[0])
     assert min(found["hops"]) > max(found["descent"])

@@ -300,7 +300,7 @@ def test_a_start_is_a_chain_of_descents_of_given_lengths(monkeypatch: pytest.Mon
     problem = stub(
         series=series, thinning=1, x=np.ones(1), clearance=stub(empty=True), tighten=lambda motion: True
     )
-    search = starts._Search(cast(Any, problem), 1000, 0, cast(Any, None), None)
+    search = starts.Search(cast(Any, problem), 1000, 0, cast(Any, None), None)
     search.run([np.zeros(1)])
     # Two trials' worth (one motion), the first descent, hops of 40 for three times the iterations, the last, and eight repairs.
     assert lengths == [80, 240, *[40] * 75, 80, 300, *[60] * 8]

@@ -71,9 +71,7 @@ def rows(**columns: Iterable[Any]) -> list[dict[str, Any]]:
     return [plain(dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]
 
 
-@cache
-def _hints(record: type) -> dict[str, Any]:
-    return get_type_hints(record)
+_hints = cache(get_type_hints)
 
 
 def restored(kind: Any, data: Any, none: float = math.nan) -> Any:

@@ -115,7 +115,8 @@ def initialise(  # many parameters: one per option of `didim init`
     """
     paths = [logs] if isinstance(logs, Path) else list(logs)
     if is_log(Path(robot)):
-        second = paths[0] if _is_robot(paths[0]) else "ROBOT"
+        is_robot = paths[0].suffix.lower() in (".toml", ".urdf") or (PACKAGED / f"{paths[0]}.toml").is_file()
+        second = paths[0] if is_robot else "ROBOT"
         raise ExperimentError(
             f"{robot}: this is a log, and the robot comes first: didim init {second} {robot}"
         )
@@ -252,11 +253,6 @@ def _model(
     tip, locked = named_chain
     model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
     return model, robot_text(model)
-
-
-def _is_robot(path: Path) -> bool:
-    """Whether a path is probably the name of a robot."""
-    return path.suffix.lower() in (".toml", ".urdf") or (PACKAGED / f"{path}.toml").is_file()
 
 
 def _named(robot: str, path: Path) -> str:

@@ -204,7 +204,9 @@ class MatFile(ArrayFile):
             entries: list[Any] = list(whosmat(stream))
         except TypeError:  # an object of a MATLAB class is among the variables
             every = [(name, value) for name, value in self._loaded().items() if not name.startswith("__")]
-            entries = [(name, np.shape(value), _class_of(value)) for name, value in every]
+            entries = [
+                (name, np.shape(value), "struct" if _subfields(value) else "double") for name, value in every
+            ]
         # Integers may take one byte each. The shape of a sparse matrix exceeds its content.
         size = sum(8 * prod(shape) for _, shape, kind in entries if kind != "sparse")
         check_expanded(size, len(self.raw), self.name, RecordingError)
@@ -241,13 +243,14 @@ class MatFile(ArrayFile):
         return dict(loadmat(stream, variable_names=names))
 
 
-def _class_of(value: Any) -> str:
-    return "struct" if getattr(getattr(value, "dtype", None), "names", None) else "double"
+def _subfields(value: Any) -> tuple[str, ...] | None:
+    """Return the names of a structure's fields; None for other values."""
+    return getattr(getattr(value, "dtype", None), "names", None)
 
 
 def _fields(name: str, value: Any) -> list[str]:
     """Names of the arrays of a structure of one element, or the name itself."""
-    fields = getattr(getattr(value, "dtype", None), "names", None)
+    fields = _subfields(value)
     if not fields or value.size != 1:
         return [name]
     return [leaf for field in fields for leaf in _fields(f"{name}.{field}", value[field].flat[0])]

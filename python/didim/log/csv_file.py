@@ -178,16 +178,14 @@ class CsvFile(DataFile):
             self.fail("variable is for .mat and .npz files; a CSV file has columns")
         if columns is None:
             if self.n_columns != count:
+                more = ", so columns must say which" if self.n_columns > count else ""
                 self.fail(
                     f"the file has {counted(self.n_columns, 'column')} where {count} "
                     f"{'is' if count == 1 else 'are'} wanted"
-                    + ("; transpose it?" if self._n_rows == count else self._columns_hint(count))
+                    + ("; transpose it?" if self._n_rows == count else self._delimiter_hint() or more)
                 )
             return list(range(count))
         return [self._index(column) for column in columns]
-
-    def _columns_hint(self, count: int) -> str:
-        return self._delimiter_hint() or (", so columns must say which" if self.n_columns > count else "")
 
     def _index(self, column: Column) -> int:
         if isinstance(column, int):

@@ -106,7 +106,12 @@ class Recording(Pickled, Brief):
         for block in self.own:
             one_of(f"{self.name}: own", block, OWN, RecordingError)
         object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
-        q = self._matrix("q", self.q) if self.has_positions else self._without_positions()
+        if self.has_positions:
+            q = self._matrix("q", self.q)
+        elif self.q_ref is None:
+            raise RecordingError(f"{self.name}: without measured positions there must be reference positions")
+        else:
+            q = np.full_like(self._matrix("q_ref", self.q_ref), np.nan)
         if (np.abs(q) > LARGEST_POSITION).any():
             sample, joint = np.argwhere(np.abs(q) > LARGEST_POSITION)[0]
             raise RecordingError(
@@ -223,11 +228,6 @@ class Recording(Pickled, Brief):
         reduction = np.array(self.drives)
         currents = self.tau @ np.linalg.inv(reduction)
         return replace(self, tau=(currents * gains) @ reduction, drives=None)
-
-    def _without_positions(self) -> Array:
-        if self.q_ref is None:
-            raise RecordingError(f"{self.name}: without measured positions there must be reference positions")
-        return np.full_like(self._matrix("q_ref", self.q_ref), np.nan)
 
     def _windows(self) -> tuple[tuple[int, int], ...]:
         try:

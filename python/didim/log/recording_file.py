@@ -168,8 +168,12 @@ def _signals(
     channels = {
         key: _channel(key, source, robot, reduction) for key, source in sources.items() if key != "time"
     }
-    period, resample = _time_keys(sources["time"]) if "time" in sources else (1.0, False)
-    if rate is None and "time" not in sources:
+    resample = False
+    if "time" in sources:
+        time = sources["time"].table
+        period, resample = TIME[time.text("unit")], time.boolean("resample")
+        time.done()
+    elif rate is None:
         table.fail("give rate_hz or the table [recording.time]")
     # Without measured positions the reference defines the samples of the recording.
     base = "position" if "position" in sources else "reference"
@@ -355,11 +359,3 @@ def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
             "side 'motor' needs a reduction matrix: [transmission] reduction, here or in the robot file"
         )
     return side, reduction
-
-
-def _time_keys(source: Source) -> tuple[float, bool]:
-    """Return the unit of the time stamps in s, and whether to resample them evenly."""
-    unit = source.table.text("unit")
-    resample = source.table.boolean("resample")
-    source.table.done()
-    return TIME[unit], resample

@@ -131,7 +131,8 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "
             f"is that of row {row + 1} ({t[row]:.9g} s) wrong? After a pause, give windows"
         )
-    even = _even(stamps, rate)
+    count = int(np.floor((stamps[-1] - stamps[0]) * rate * (1.0 + 1e-12) + 1e-6)) + 1
+    even = np.asarray(stamps[0] + np.arange(count) / rate)
     edges = [0, *(np.flatnonzero(steps > LONGEST_GAP_STEPS * period) + 1).tolist(), len(stamps)]
     right = np.clip(np.searchsorted(stamps, even, side="right"), 1, len(stamps) - 1)
     indices = np.clip(right[:, None] + np.arange(-2, 2), 0, len(stamps) - 1)
@@ -170,11 +171,6 @@ def whole_rate(rate: float) -> float:
     """Round a rate within a thousandth of a whole number of Hz: time stamps are rounded."""
     near = float(round(rate))
     return near if near > 0.0 and abs(rate - near) < RATE_TOLERANCE * rate else rate
-
-
-def _even(stamps: Array, rate: float) -> Array:
-    count = int(np.floor((stamps[-1] - stamps[0]) * rate * (1.0 + 1e-12) + 1e-6)) + 1
-    return np.asarray(stamps[0] + np.arange(count) / rate)
 
 
 def _cubic(stamps: Array, indices: np.ndarray, even: Array) -> Array:

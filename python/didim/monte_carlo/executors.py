@@ -101,7 +101,12 @@ def pool(
             yield Pool("serial", SerialExecutor, _stop, 1)
         elif executor == "loky":
             loky = _needed("loky", "loky")
-            yield Pool("loky", lambda: _loky(loky, own), _stop_loky, own)
+            yield Pool(
+                "loky",
+                lambda: loky.get_reusable_executor(max_workers=own, initializer=start_worker),
+                _stop_loky,
+                own,
+            )
         elif executor == "dask":
             client = stack.enter_context(_dask_client(workers, address))
             threads = sum(client.nthreads().values())
@@ -229,11 +234,6 @@ def _stop_processes(executor: Executor, wait_for_it: bool) -> None:
     if not wait_for_it:
         for process in processes:
             process.terminate()
-
-
-def _loky(loky: Any, workers: int) -> Executor:
-    executor: Executor = loky.get_reusable_executor(max_workers=workers, initializer=start_worker)
-    return executor
 
 
 def _stop_loky(executor: Any, wait_for_it: bool) -> None:

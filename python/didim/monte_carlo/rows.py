@@ -216,16 +216,14 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, int) and _is_number(value) and value >= 0
 
 
-def _is_list(value: object) -> bool:
-    return isinstance(value, list) and all(entry is None or _is_number(entry) for entry in value)
-
-
 KINDS: dict[str, Callable[[object], bool]] = {
     "text": lambda value: isinstance(value, str),
     "text or null": lambda value: value is None or isinstance(value, str),
     "a number": _is_number,
     "a number or null": lambda value: value is None or _is_number(value),
-    "a list of numbers": _is_list,
+    "a list of numbers": lambda value: (
+        isinstance(value, list) and all(entry is None or _is_number(entry) for entry in value)
+    ),
     "a table": lambda value: isinstance(value, dict),
     "a whole number": _is_whole,
     "a whole number or null": lambda value: value is None or _is_whole(value),

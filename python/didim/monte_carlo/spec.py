@@ -181,7 +181,9 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         table.fail(f"schema {table.raw('schema')} is unknown; this version reads schema {SCHEMA}")
     experiment, where = _experiment(table.text("experiment"), path)
     robot, robot_where = _robot(Table(experiment, where.name, ExperimentError).text("robot"), where)
-    seeds, root = _repeat(table)
+    repeat = table.table("repeat")
+    seeds, root = repeat.integer("seeds"), repeat.integer("root")
+    repeat.done()
     scenarios = _scenarios(table)
     methods = _methods(table)
     folders = tuple(dict.fromkeys(str(folder.resolve()) for folder in (path.parent, Path.cwd())))
@@ -233,13 +235,6 @@ def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:
             f"{where.name}: a study needs a robot file; write one with `didim robot {where.name} -o {where.stem}.toml`"
         )
     return read_toml(where, RobotError), where
-
-
-def _repeat(table: Table) -> tuple[int, int]:
-    repeat = table.table("repeat")
-    seeds, root = repeat.integer("seeds"), repeat.integer("root")
-    repeat.done()
-    return seeds, root
 
 
 def _scenarios(table: Table) -> tuple[Scenario, ...]:

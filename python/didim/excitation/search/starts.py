@@ -52,22 +52,13 @@ class _StopSearchError(Exception):
     """The user has stopped the search."""
 
 
-def search(
-    problem: Problem,
-    starts: Sequence[Array],
-    iterations: int,
-    seed: int,
-    stop: threading.Event,
-    progress: Callable[[int, float], None] | None = None,
-) -> Array:
-    """Minimise the objective of a problem from the best of several motions.
+class Search:
+    """Search from one start: the objective of a problem is minimised from the best of several motions.
 
     Parameters
     ----------
     problem : Problem
         Problem; the search leaves it with tightened limits and on its whole grid.
-    starts : sequence of (n,) arrays
-        Variables of the random motions.
     iterations : int
         Length of the search: a start takes about four times as many evaluations, most of them on a coarse grid.
     seed : int
@@ -77,11 +68,6 @@ def search(
     progress : callable, optional
         Callback with evaluations and the least objective.
     """
-    return _Search(problem, iterations, seed, stop, progress).run(starts)
-
-
-class _Search:
-    """One start."""
 
     def __init__(
         self,
@@ -89,7 +75,7 @@ class _Search:
         iterations: int,
         seed: int,
         stop: threading.Event,
-        progress: Callable[[int, float], None] | None,
+        progress: Callable[[int, float], None] | None = None,
     ) -> None:
         self._problem, self._iterations, self._stop, self._progress = problem, iterations, stop, progress
         self._rng = np.random.default_rng([seed, TRIALS])
@@ -97,7 +83,7 @@ class _Search:
         self._best, self._least = np.empty(0), np.inf
 
     def run(self, starts: Sequence[Array]) -> Array:
-        """Return the best variables."""
+        """Return the best variables, from those of random motions, (n,) each."""
         self._best = starts[0]
         problem = self._problem
         penalised = problem.x is not None or not problem.clearance.empty
@@ -168,7 +154,7 @@ def search_all(
     problems, starts : sequences
         A problem for each start, and its random motions.
     iterations : int
-        As in `search`.
+        As in `Search`.
     seed : int
         Seed of the first start; the others follow it.
     threads : int
@@ -205,7 +191,7 @@ def search_all(
             def tell(calls: int, least: float) -> None:
                 progress(index + 1, calls, -least)
 
-        return search(problems[index], starts[index], iterations, seed + index, stop, tell)
+        return Search(problems[index], iterations, seed + index, stop, tell).run(starts[index])
 
     interrupted = False
     with ThreadPoolExecutor(max_workers=max(1, min(threads, len(starts)))) as pool:
@@ -229,4 +215,4 @@ def search_apart(
     problem: Problem, starts: Sequence[Array], iterations: int, seed: int
 ) -> tuple[Array, Problem]:
     """Run one search in another process, and return its problem too, because the search tightens its limits."""
-    return search(problem, starts, iterations, seed, threading.Event()), problem
+    return Search(problem, iterations, seed, threading.Event()).run(starts), problem
