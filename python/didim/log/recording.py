@@ -142,16 +142,7 @@ class Recording(Pickled, Brief):
             if value.shape != q.shape:
                 raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")
             self._set(key, value)
-        windows = self._windows() or ((0, n_samples),)
-        end = 0
-        for start, stop in windows:
-            if not end <= start < stop <= n_samples:
-                raise RecordingError(
-                    f"{self.name}: the window of samples {start} to {stop} is empty, overlaps another one or "
-                    f"leaves the record of {n_samples} samples"
-                )
-            end = stop
-        object.__setattr__(self, "windows", windows)
+        object.__setattr__(self, "windows", self._windows(n_samples))
         if self.drives is not None:
             if self.external is not None:
                 raise RecordingError(
@@ -229,13 +220,22 @@ class Recording(Pickled, Brief):
         currents = self.tau @ np.linalg.inv(reduction)
         return replace(self, tau=(currents * gains) @ reduction, drives=None)
 
-    def _windows(self) -> tuple[tuple[int, int], ...]:
+    def _windows(self, n_samples: int) -> tuple[tuple[int, int], ...]:
         try:
-            return tuple((index(start), index(stop)) for start, stop in self.windows)
+            windows = tuple((index(start), index(stop)) for start, stop in self.windows)
         except (TypeError, ValueError):
             raise RecordingError(
                 f"{self.name}: windows must be pairs of sample numbers (start, stop), got {self.windows!r}"
             ) from None
+        end = 0
+        for start, stop in windows:
+            if not end <= start < stop <= n_samples:
+                raise RecordingError(
+                    f"{self.name}: the window of samples {start} to {stop} is empty, overlaps another one or "
+                    f"leaves the record of {n_samples} samples"
+                )
+            end = stop
+        return windows or ((0, n_samples),)
 
     def _set(self, key: str, value: Array) -> None:
         value.flags.writeable = False
