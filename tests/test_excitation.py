@@ -110,7 +110,9 @@ def test_the_core_refuses_arrays_that_do_not_fit(planar: Robot) -> None:
 def test_the_gradient_of_the_problem_is_its_difference(
     planar: Robot, start: tuple[float, float] | None, name: str
 ) -> None:
-    limits = motion_limits(planar, acceleration=20.0, jerk=500.0, torque=[25.0, 9.0])
+    limits = motion_limits(
+        planar, ExcitationSettings(acceleration=20.0, jerk=500.0, torque=[25.0, 9.0], margin=1.0)
+    )
     basis = SeriesBasis(period_s=4.0, harmonics=5)
     series = ScaledSeries(basis, limits, None if start is None else np.array(start), True)
     names = planar.base_parameters.names
@@ -141,7 +143,7 @@ def test_the_gradient_of_the_problem_is_its_difference(
 
 
 def test_every_set_of_variables_is_at_rest_at_its_ends_and_within_the_limits(planar: Robot) -> None:
-    limits = motion_limits(planar, acceleration=20.0, jerk=300.0)
+    limits = motion_limits(planar, ExcitationSettings(acceleration=20.0, jerk=300.0, margin=1.0))
     series = ScaledSeries(SeriesBasis(period_s=4.0, harmonics=5), limits, None, True)
     rng = np.random.default_rng(2)
     for _ in range(20):
@@ -419,7 +421,7 @@ def test_periods_and_ramps_are_smooth_and_within_the_limits(planar: Robot) -> No
 
 
 def test_a_ramp_through_an_obstacle_is_refused(planar: Robot) -> None:
-    limits = motion_limits(planar, acceleration=20.0)
+    limits = motion_limits(planar, ExcitationSettings(acceleration=20.0, margin=1.0))
     clearance = Clearance(planar, (), Workspace(highest=(0.3, 1.0, 1.0)))
     with pytest.raises(
         ExcitationError, match="comes too near: link 2 and the wall at x = 0\\.3 m; give another home"
@@ -560,7 +562,7 @@ def test_information_near_the_smallest_numbers_gives_no_warning(pair: float) -> 
 
 def test_the_packaged_tx40_has_the_limits_of_its_maker() -> None:
     """A motion can be designed for it without further limits."""
-    whole = motion_limits(didim.load_robot("tx40"))
+    whole = motion_limits(didim.load_robot("tx40"), ExcitationSettings(margin=1.0))
     np.testing.assert_allclose(np.degrees(whole.lowest), [-180, -125, -138, -270, -120, -270], atol=1e-4)
     np.testing.assert_allclose(np.degrees(whole.highest), [180, 125, 138, 270, 133.5, 270], atol=1e-4)
     settings = ExcitationSettings(duration_s=4.0, harmonics=4, iterations=1, starts=1)

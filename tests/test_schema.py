@@ -97,7 +97,6 @@ def test_defaults_stand_for_absent_keys_only() -> None:
     assert found.boolean("flag", False) is False
     assert found.numbers("list", 2, None) is None
     assert found.spread("list", 2, None) is None
-    assert found.texts("words", []) == []
     assert found.matrix("m", 1, 1, None) is None
     assert found.table("t", None) is None
     assert found.tables("ts", None) is None

@@ -326,10 +326,10 @@ def test_points_are_tried_25_at_a_time_in_three_passes() -> None:
         drawn.append(count)
         return np.zeros((0, 1))
 
-    design.count, design._draw = 4, draw
+    design.first, design._draw = None, draw
     design.move = lambda a, b: None
     design.value = lambda moves: 0.0
-    PointDesign._exchange(design, np.zeros((4, 1)), np.random.default_rng(0), None)
+    PointDesign._exchange(design, np.zeros((4, 1)), np.random.default_rng(0))
     assert drawn == [25] * 4 * 3
 
 

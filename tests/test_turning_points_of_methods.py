@@ -337,7 +337,7 @@ def test_defaults_of_a_design_are_a_hundredth_of_the_torque_and_a_quarter_of_a_s
     arm = didim.load_robot("planar2")
     task = Task(arm, ExcitationSettings(torque=(50.0, 20.0), margin=1.0))
     assert task.sigma.tolist() == pytest.approx([0.5, 0.2])
-    limits = motion_limits(arm, velocity=(2.0, 3.0), margin=1.0)
+    limits = motion_limits(arm, ExcitationSettings(velocity=(2.0, 3.0), margin=1.0))
     assert limits.acceleration.tolist() == pytest.approx([8.0, 12.0])
 
 

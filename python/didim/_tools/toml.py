@@ -245,10 +245,9 @@ class Table:
             return self._number_list(key, value, length)
         return [self._finite(key, value)] * length
 
-    def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
+    def texts(self, key: str) -> list[str]:
         """List of texts."""
-        if (value := self._read(key, default)) is MISSING:
-            return default
+        value = self.raw(key)
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             self.fail(f"{key} must be a list of texts, got {brief(repr(value))}")
         return list(value)

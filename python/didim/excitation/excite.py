@@ -189,11 +189,11 @@ def _points(task: Task, progress: Progress) -> Excitation:
         )
     scaling = ScaledSeries(SeriesBasis(period_s=1.0, harmonics=4), task.limits, task.start, False)
     problem = task.problem(scaling)
-    design = PointDesign(problem, settings.points, settings.dwell_s, task.rate, settings.duration_s)
+    design = PointDesign(task, problem)
     found: list[tuple[Array, Array]] = []
     values: list[float] = []
     for index in range(settings.starts):
-        points, random, interrupted = design.search(settings.seed + index, task.start)
+        points, random, interrupted = design.search(settings.seed + index)
         found.append((points, random))
         values.append(design.value([design.move(a, b) for a, b in pairwise(points)]))
         progress(index + 1, 1, values[-1])

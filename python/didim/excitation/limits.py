@@ -14,6 +14,7 @@ from .._tools.arrays import Array, real_array
 from .._tools.words import counted
 from ..errors import ExcitationError
 from ..robot.robot import Robot
+from .settings import ExcitationSettings, Values
 
 LARGEST_LIMIT = 1e9
 """Largest limit of a motion (SI), and inverse of the smallest: squares of its numbers stay far from the ends of floating point."""
@@ -70,41 +71,21 @@ class MotionLimits:
         return {kind: np.asarray(np.abs(share).max(axis=0)) for kind, share in shares.items()}
 
 
-Values = float | Sequence[float] | None
-
-
-def motion_limits(
-    robot: Robot,
-    *,
-    position: Sequence[Sequence[float]] | None = None,
-    velocity: Values = None,
-    acceleration: Values = None,
-    jerk: Values = None,
-    torque: Values = None,
-    margin: float = 1.0,
-) -> MotionLimits:
-    """Collect the limits of a motion.
-
-    Parameters
-    ----------
-    robot : Robot
-        Robot whose limits replace missing ones.
-    position : sequence of (float, float), optional
-        Lowest and highest position of each joint (rad or m).
-    velocity, acceleration, jerk, torque : float or sequence of float, optional
-        Largest absolute values, one for all joints or one per joint, joint side.
-    margin : float
-        Share of each limit that the motion may use; of a position's range about its middle.
+def motion_limits(robot: Robot, settings: ExcitationSettings) -> MotionLimits:
+    """Collect the limits of a motion: those of the settings, and of the robot where they give none.
 
     Raises
     ------
     ExcitationError
-        For a joint without position or velocity limits, and for a limit out of range; the sentence names the joint.
+        For a joint without position or velocity limits, and for a limit out of range; the sentence names the joint
+        (``test_excitation.py``).
     """
+    margin, ranges = settings.margin, settings.position
     n = robot.n_dof
     if not 0.0 < margin <= 1.0:
         raise ExcitationError(f"margin must be above 0 and at most 1, got {margin}")
-    ranges = position if position is not None else [limit.position for limit in robot.limits]
+    if ranges is None:
+        ranges = [limit.position for limit in robot.limits]
     if len(ranges) != n:
         raise ExcitationError(f"position limits need {counted(n, 'pair')}, one per joint, got {len(ranges)}")
     lowest, highest = np.empty(n), np.empty(n)
@@ -120,14 +101,14 @@ def motion_limits(
             )
         middle, half = (low + high) / 2.0, margin * (high - low) / 2.0
         lowest[joint], highest[joint] = middle - half, middle + half
-    speeds = _values(robot, "velocity", velocity, [limit.velocity for limit in robot.limits])
+    speeds = _values(robot, "velocity", settings.velocity, [limit.velocity for limit in robot.limits])
     if np.isinf(speeds).any():
         joint = int(np.argmax(np.isinf(speeds)))
         raise ExcitationError(
             f"robot {robot.name!r} has no velocity limit for joint {joint + 1}: give it in its file, or to excite"
         )
     assumed = []
-    accelerations = _values(robot, "acceleration", acceleration, [None] * n)
+    accelerations = _values(robot, "acceleration", settings.acceleration, [None] * n)
     if np.isinf(accelerations).any():
         accelerations = np.where(np.isinf(accelerations), speeds / ACCELERATION_TIME, accelerations)
         assumed.append(
@@ -138,8 +119,8 @@ def motion_limits(
         highest=highest,
         velocity=margin * speeds,
         acceleration=margin * accelerations,
-        jerk=margin * _values(robot, "jerk", jerk, [None] * n),
-        torque=margin * _values(robot, "torque", torque, [limit.effort for limit in robot.limits]),
+        jerk=margin * _values(robot, "jerk", settings.jerk, [None] * n),
+        torque=margin * _values(robot, "torque", settings.torque, [limit.effort for limit in robot.limits]),
         margin=margin,
         assumed=tuple(assumed),
     )

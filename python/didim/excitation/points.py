@@ -17,6 +17,7 @@ from ..errors import ExcitationError
 from ..loop.reference import Reference
 from .problem import FINE, Problem
 from .settings import sample_count
+from .task import Task
 
 POINT_PASSES = 3
 """Number of passes over all points: a fourth gained less than 1 % of the first's gain."""
@@ -45,24 +46,15 @@ class PointDesign:
 
     Parameters
     ----------
+    task : Task
+        Settings, limits, and the first and last point, if it is given.
     problem : Problem
-        Limits, criterion and information.
-    count : int
-        Number of points.
-    dwell_s : float
-        Rest at each point (s).
-    log_rate_hz : float
-        Logged samples per second.
-    seconds : float
-        Duration (s) for which the information is compared.
+        Criterion and information.
     """
 
-    def __init__(
-        self, problem: Problem, count: int, dwell_s: float, log_rate_hz: float, seconds: float
-    ) -> None:
-        self.problem, self.count, self.dwell, self.rate = problem, count, dwell_s, log_rate_hz
-        self.seconds = seconds
-        self.limits = problem.series.limits
+    def __init__(self, task: Task, problem: Problem) -> None:
+        self.problem, self.limits, self.rate, self.first = problem, task.limits, task.rate, task.start
+        self.settings = task.settings
 
     def reference(self, points: Array) -> Reference:
         """Return the motion through points."""
@@ -70,7 +62,7 @@ class PointDesign:
             points,
             max_velocity=self.limits.velocity,
             max_acceleration=self.limits.acceleration,
-            dwell_s=self.dwell,
+            dwell_s=self.settings.dwell_s,
         )
 
     def move(self, a: Array, b: Array) -> _Move:
@@ -92,7 +84,7 @@ class PointDesign:
         clearance = self.problem.clearance
         return clearance.empty or float(clearance.distances(q).min()) >= 0.0
 
-    def search(self, seed: int, first: Array | None) -> tuple[Array, Array, bool]:
+    def search(self, seed: int) -> tuple[Array, Array, bool]:
         """Return the best points, the random ones at the start of the exchange, and whether Ctrl-C ended it.
 
         Points have the shape ``(count, n_dof)``. After Ctrl-C they are the best so far.
@@ -103,21 +95,21 @@ class PointDesign:
             When no random point can be reached within the limits.
         """
         rng = np.random.default_rng(seed)
-        points = self._random(rng, first)
+        points = self._random(rng)
         random, interrupted = points.copy(), False
         try:
-            self._exchange(points, rng, first)
+            self._exchange(points, rng)
         except KeyboardInterrupt:
             interrupted = True
         return points, random, interrupted
 
-    def _exchange(self, points: Array, rng: np.random.Generator, first: Array | None) -> None:
+    def _exchange(self, points: Array, rng: np.random.Generator) -> None:
         """Exchange points, in place, for random ones with more information."""
         moves = [self.move(a, b) for a, b in pairwise(points)]
         best = self.value(moves)
-        last = self.count if first is None else self.count - 1
+        given = int(self.first is not None)
         for _ in range(POINT_PASSES):
-            for k in range(0 if first is None else 1, last):
+            for k in range(given, len(points) - given):
                 around = [j for j in (k - 1, k) if 0 <= j < len(moves)]
                 for candidate in self._draw(rng, POINTS_TRIED):
                     tried = list(moves)
@@ -137,7 +129,9 @@ class PointDesign:
         """Return the criterion of moves repeated for the duration of the design, which favours quick moves."""
         seconds = sum(move.duration for move in moves)
         matrix = np.sum([move.matrix for move in moves], axis=0)
-        return self.problem.criterion(self.problem.information.prior + self.seconds / seconds * matrix)[0]
+        return self.problem.criterion(
+            self.problem.information.prior + self.settings.duration_s / seconds * matrix
+        )[0]
 
     def _draw(self, rng: np.random.Generator, count: int) -> Array:
         low, high = self.limits.lowest, self.limits.highest
@@ -145,7 +139,8 @@ class PointDesign:
         share = 0.5 - 0.5 * np.cos(np.pi * rng.random((count, len(low))))
         return np.asarray(low + share * (high - low))
 
-    def _random(self, rng: np.random.Generator, first: Array | None) -> Array:
+    def _random(self, rng: np.random.Generator) -> Array:
+        first, count = self.first, self.settings.points
         points = [] if first is None else [first]
 
         def passable(a: Array, b: Array) -> bool:
@@ -156,10 +151,10 @@ class PointDesign:
                 rest = np.zeros((1, len(candidate)))
                 return self.keeps(candidate[None], rest, rest)
             return passable(points[-1], candidate) and (
-                first is None or len(points) < self.count - 2 or passable(candidate, first)
+                first is None or len(points) < count - 2 or passable(candidate, first)
             )
 
-        while len(points) < self.count - (first is not None):
+        while len(points) < count - (first is not None):
             for shrink in np.linspace(1.0, 0.2, TRIES):
                 # Candidates approach the previous point until one is reachable.
                 at = points[-1] if points else self.limits.middle

@@ -217,7 +217,7 @@ class ScaledSeries:
             grid = self.basis.grid[0].T
             extent = (share, above, below, grid @ d_above, -grid @ d_below)
         series = Series(basis=self.basis, scaled=scale * shape, offset=np.asarray(offset))
-        return series, _Way(shape, kappa, shrink, use, np.asarray(change), scale, extent)
+        return series, _Way(shape, -2.0 * shrink * kappa**2, use, np.asarray(change), scale, extent)
 
     def back(self, chain: _Way, gq: Array, gdq: Array, gddq: Array) -> Array:
         """Return the gradient with respect to the variables from gradients with respect to the motion on the grid."""
@@ -238,7 +238,7 @@ class ScaledSeries:
             parts.append(to_offset * room * share * (1.0 - share))
         grad_shape = grad_shape - grad_scale * (scale / chain.use) * chain.change
         if self.shrinks:
-            parts.append(grad_scale / chain.use * (-2.0 * chain.shrink * chain.kappa**2))
+            parts.append(grad_scale / chain.use * chain.bend)
         return np.concatenate([grad_shape.ravel(), *parts])
 
 
@@ -247,8 +247,8 @@ class _Way:
     """Intermediate values of `ScaledSeries.build`."""
 
     shape: Array
-    kappa: Array
-    shrink: Array
+    bend: Array
+    """Derivative of the part of the amplitudes that the optimiser leaves."""
     use: Array
     change: Array
     scale: Array

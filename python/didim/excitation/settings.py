@@ -17,8 +17,9 @@ from ..result.identification import Identification
 from ..robot.collision import Capsule
 from .clearance import Workspace
 from .criterion import Name
-from .limits import Values
 
+Values = float | Sequence[float] | None
+"""A limit or a noise: of all joints, or of each."""
 Prior = Identification | Experiment | str | Path
 """Earlier information: a result (its covariance), or an experiment (its recordings); as objects or as files."""
 

@@ -50,15 +50,7 @@ class Task:
             raise ExcitationError(
                 f"the friction of robot {robot.name!r} hides {min(hidden)}: its dead zone is wider than its speeds"
             )
-        self.limits = motion_limits(
-            robot,
-            position=settings.position,
-            velocity=settings.velocity,
-            acceleration=settings.acceleration,
-            jerk=settings.jerk,
-            torque=settings.torque,
-            margin=settings.margin,
-        )
+        self.limits = motion_limits(robot, settings)
         self.remarks = list(self.limits.assumed)
         if self.robot is not robot:
             self.remarks.append(

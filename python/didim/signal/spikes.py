@@ -94,7 +94,7 @@ def _resolution(signal: Array) -> float:
     return float(np.min(steps[steps > 0.0])) if coarse else 0.0
 
 
-def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
+def alone(tau: Array) -> NDArray[np.bool_]:
     """Return a mask of isolated samples of torques, (n_samples, n_dof), far from both neighbours.
 
     An error s of one sample changes the bend of the signal by s there and by -s/2 on either side. A friction step does not: its
@@ -111,7 +111,7 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
         # Most bends of a signal with coarse steps are zero.
         scale = max(NORMAL_MAD * median, _resolution(values))
         # Heavy tails of the noise are not isolated errors.
-        limit = max(threshold * scale, TAIL * tail)
+        limit = max(CERTAIN * scale, TAIL * tail)
         places = 2 + np.flatnonzero(size[2:-2] > limit + 1e-12 * np.abs(values).max())
         before, inner, after = (bends[places + step] for step in (-1, 0, 1))
         opposite = (before * inner < 0.0) & (after * inner < 0.0)
