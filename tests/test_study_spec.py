@@ -13,11 +13,13 @@ from didim.errors import DidimError, FitError, StudyError
 from didim.methods.didim.didim import DIDIM
 from didim.methods.idim_ls import IDIMLS
 from didim.monte_carlo.keys import changed, parts_of
-from didim.monte_carlo.methods import method_of
-from didim.monte_carlo.spec import load_study, read_study
+from didim.monte_carlo.logs import Truth
+from didim.monte_carlo.spec import canonical, load_study, read_study
 from didim.monte_carlo.study import check_study
-from didim.monte_carlo.tasks import count, random_numbers, tasks
+from didim.monte_carlo.tasks import count, tasks
 from didim.monte_carlo.text import HEAD
+from didim.monte_carlo.worker import method_of
+from plain import stub
 from small_study import small_study
 
 
@@ -179,7 +181,9 @@ def test_methods_come_from_plain_data() -> None:
 
 def test_logs_are_shared_by_scenarios_that_only_process_them() -> None:
     def drawn(keys: dict[str, Any], seed: int = 0, purpose: int = 0) -> list[int]:
-        return random_numbers(7, keys, seed, purpose).generate_state(2).tolist()  # type: ignore[no-any-return]
+        parts = parts_of(keys)
+        truth: Any = stub(key=canonical([parts.truth, parts.truth_robot]), shared={"root": 7})
+        return Truth.random_numbers(truth, seed, purpose).generate_state(2).tolist()  # type: ignore[no-any-return]
 
     log = drawn({"controller.kp": 1})
     assert log == drawn(

@@ -80,12 +80,11 @@ def motion_limits(robot: Robot, settings: ExcitationSettings) -> MotionLimits:
         For a joint without position or velocity limits, and for a limit out of range; the sentence names the joint
         (``test_excitation.py``).
     """
-    margin, ranges = settings.margin, settings.position
+    margin = settings.margin
+    ranges: Sequence[Sequence[float] | None] = settings.position or [limit.position for limit in robot.limits]
     n = robot.n_dof
     if not 0.0 < margin <= 1.0:
         raise ExcitationError(f"margin must be above 0 and at most 1, got {margin}")
-    if ranges is None:
-        ranges = [limit.position for limit in robot.limits]
     if len(ranges) != n:
         raise ExcitationError(f"position limits need {counted(n, 'pair')}, one per joint, got {len(ranges)}")
     lowest, highest = np.empty(n), np.empty(n)

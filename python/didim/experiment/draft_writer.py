@@ -146,10 +146,8 @@ class RecordingWriter:
             lines += self._effort(self.torque)
         if self.reference:
             lines += self._motion("reference", self.reference)
-        used = {
-            self._key(column) for column in (*self.position, *self.velocity, *self.torque, *self.reference)
-        }
-        used |= {self._key(column) for column in stamps}
+        taken = (*stamps, *self.position, *self.velocity, *self.torque, *self.reference)
+        used = {self._key(column) for column in taken}
         left = [
             str(column.name)
             for column in self.source.columns

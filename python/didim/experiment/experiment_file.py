@@ -81,9 +81,7 @@ def load_experiment(
     content = read_toml(path, ExperimentError)
     search_beside(content.get("friction"), path)
     if "joint" in content and "robot" not in content:
-        raise ExperimentError(
-            f"{path}: this is a robot file, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
-        )
+        raise ExperimentError(_other_kind(path, "robot file"))
     digests = {f"experiment {path.name}": hashlib.sha256(read_small_file(path, ExperimentError)).hexdigest()}
     return read_experiment(content, path, data=data, faults=faults, digests=digests)
 
@@ -125,9 +123,11 @@ def _refuse_other(path: Path) -> None:
             f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
         )
     if kind == ".urdf":
-        raise ExperimentError(
-            f"{path}: this is a robot, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
-        )
+        raise ExperimentError(_other_kind(path, "robot"))
+
+
+def _other_kind(path: Path, kind: str) -> str:
+    return f"{path}: this is a {kind}, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
 
 
 def read_experiment(

@@ -24,7 +24,6 @@ from ..robot.robot_file import read_robot
 from ..studies.simulated_log import measured, simulated_log
 from .keys import Keys, changed, parts_of
 from .spec import canonical, digest
-from .tasks import random_numbers
 
 NOISE, STARTS = 0, 1
 """Purposes of random numbers."""
@@ -39,13 +38,13 @@ class Truth:
     Attributes
     ----------
     key : str
-        Key of everything that the log depends on.
+        Keys that change the simulated log, and everything that it depends on.
     experiment : Experiment
         Without a recording.
     x : (n_parameters,) array
         Standard parameters.
-    shared, keys
-        What the tasks of the study share, and the keys of the scenario.
+    shared
+        What the tasks of the study share.
     other : tuple of (n_samples, n_dof) arrays, or None
         Position, velocity, acceleration and true torque of the other motion.
     """
@@ -54,7 +53,6 @@ class Truth:
     experiment: Experiment
     x: Array
     shared: Mapping[str, Any]
-    keys: Keys
     other: tuple[Array, Array, Array, Array] | None
 
     @cached_property
@@ -68,10 +66,19 @@ class Truth:
         """
         return simulated_log(self.experiment, self.x, noise=False, refinement=self.shared["refinement"])
 
+    def random_numbers(self, seed: int, purpose: int) -> np.random.SeedSequence:
+        """Return the random numbers of one log, or of another purpose.
+
+        They follow from the root, from the keys that change the simulated log, and from the number of the seed. Methods, and
+        scenarios that only process the log differently, therefore share their logs, and extending a grid does not change
+        existing ones.
+        """
+        return np.random.SeedSequence([self.shared["root"], int(digest(self.key), 16), seed, purpose])
+
     def noisy(self, seed: int) -> Experiment:
         """Return the log of a seed."""
         # The seed of `Measurement` is an integer.
-        numbers = random_numbers(self.shared["root"], self.keys, seed, NOISE)
+        numbers = self.random_numbers(seed, NOISE)
         high, low = numbers.generate_state(2, np.uint64).tolist()
         number, in_loop_hz = int((high << 64) | low), self.shared["noise_in_loop_hz"]
         if in_loop_hz is not None:
@@ -82,7 +89,7 @@ class Truth:
         """Return a function that draws a start: the true base parameters, each times a random factor within 1 -+ spread."""
 
         def draw(spread: float) -> Array:
-            rng = np.random.default_rng(random_numbers(self.shared["root"], self.keys, seed, STARTS))
+            rng = np.random.default_rng(self.random_numbers(seed, STARTS))
             factors = 1.0 + spread * rng.uniform(-1.0, 1.0, len(model.beta))
             return np.asarray(np.nan_to_num(model.beta) * factors)
 
@@ -138,7 +145,6 @@ def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:
         experiment=experiment,
         x=x,
         shared=shared,
-        keys=keys,
         other=_other_motion(shared, parts.truth, robot, x),
     )
 

@@ -15,12 +15,11 @@ from ..errors import DidimError, StudyError
 from .engine import run_all
 from .executors import pool
 from .logs import model_of, truth_of
-from .methods import method_of
 from .results import StudyResults
 from .rows import RowFile, Rows, read_rows, rows_of, times_path
 from .spec import StudySpec, load_study, read_study
 from .tasks import count, tasks
-from .worker import ERROR, FAILED, LOST, lost_row, run_task
+from .worker import ERROR, FAILED, LOST, lost_row, method_of, run_task
 
 
 @dataclass

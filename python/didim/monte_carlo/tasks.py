@@ -9,10 +9,7 @@ import zlib
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from .._tools.version import __version__
-from .keys import Keys, parts_of
 from .spec import MethodSpec, Scenario, StudySpec, canonical, digest
 
 Task = dict[str, Any]
@@ -64,26 +61,3 @@ def count(spec: StudySpec) -> int:
     """Count the tasks of a study."""
     per_scenario = sum(min(spec.seeds, method.seeds or spec.seeds) for method in spec.methods)
     return len(spec.scenarios) * (1 + per_scenario)
-
-
-def random_numbers(root: int, keys: Keys, seed: int, purpose: int) -> np.random.SeedSequence:
-    """Return the random numbers of one log, or of another purpose.
-
-    They follow from the root, from the keys that change the simulated log, and from the number of the seed. Methods, and
-    scenarios that only process the log differently, therefore share their logs, and extending a grid does not change existing
-    ones.
-
-    Parameters
-    ----------
-    root : int
-        Root of the study.
-    keys : mapping
-        Keys of the scenario.
-    seed : int
-        Number of the log.
-    purpose : int
-        0 for the noise, 1 for starts.
-    """
-    parts = parts_of(keys)
-    text = canonical([parts.truth, parts.truth_robot])
-    return np.random.SeedSequence([root, int(digest(text), 16), seed, purpose])

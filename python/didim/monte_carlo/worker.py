@@ -12,8 +12,8 @@ import threading
 import time
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import replace
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,13 +21,16 @@ import numpy as np
 
 from .._tools.arrays import Array, rms
 from .._tools.plugins import loaded, search, source_digest
+from .._tools.settings import share
 from .._tools.threads import VARIABLE
 from .._tools.version import __version__
+from .._tools.words import did_you_mean
 from ..errors import DidimError, StudyError
 from ..methods.identify import identify
+from ..methods.method import Method
+from ..methods.table import method_class
 from ..result.identification import Identification
 from .logs import Model, Truth, model_of, truth_of
-from .methods import method_of
 from .spec import canonical, digest
 from .tasks import Task
 
@@ -39,6 +42,9 @@ KEPT_SCENARIOS = 16
 """Number of simulated logs that a worker caches."""
 FAILED, ERROR, LOST, TRUTH = "FAILED", "ERROR", "LOST", "TRUTH"
 """Status of rows: an error of didim, an unexpected error, a task whose workers died, and the truth of a scenario."""
+
+OBJECTS = ("signal", "checkpoint", "progress")
+"""Settings of methods that are not plain data, or that a study sets by other keys."""
 
 _Made = TypeVar("_Made")
 
@@ -208,6 +214,46 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
         "rows": fit.n_rows,
         "relative_error": _plain(fit.relative_error),
     }
+
+
+def method_of(
+    name: str, settings: Mapping[str, Any], start: Callable[[float], Array] | None = None
+) -> Method:
+    """Make a method.
+
+    Parameters
+    ----------
+    name : str
+        Name such as "didim".
+    settings : mapping
+        Plain data. ``start = { spread = 0.15 }`` is a random start within 15 % of the truth, a different one for each seed.
+    start : callable, optional
+        Function that draws a start with a spread.
+
+    Raises
+    ------
+    StudyError
+        For a setting that the method does not have.
+    FitError
+        For an unknown method, or a wrong value.
+    """
+    made = method_class(name)
+    options = dict(settings)
+    known = [option.name for option in fields(made) if option.init] if is_dataclass(made) else list(options)
+    for key in options:
+        if key in OBJECTS:
+            raise StudyError(
+                f'method {name!r}: {key} cannot be set in a study; keys of the experiment such as "signal.cutoff_hz" can'
+            )
+        if key not in known:
+            raise StudyError(f"method {name!r} has no setting {key!r}{did_you_mean(key, known)}")
+    wanted = options.get("start")
+    if isinstance(wanted, Mapping) and set(wanted) == {"spread"}:
+        spread = share("start.spread", wanted["spread"], StudyError)
+        # Without a seed the settings are only checked.
+        options["start"] = "unit" if start is None else start(spread)
+    method: Method = made(**options)
+    return method
 
 
 def _judged(fit: Identification, model: Model) -> dict[str, Any]:
