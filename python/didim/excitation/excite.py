@@ -28,7 +28,7 @@ from .problem import FINE, Information, Problem, scaled
 from .ramps import Ramp, ramp
 from .search.progress import DesignLine
 from .search.starts import TRIALS, Progress, search_all
-from .series import ScaledSeries, Series, SeriesBasis
+from .series import Motion, ScaledSeries, Series, SeriesBasis
 from .settings import ExcitationSettings
 from .settings_file import read_excitation
 from .task import Task
@@ -209,7 +209,7 @@ def _points(task: Task, progress: Progress) -> Excitation:
         "dwell_s": settings.dwell_s,
     }
 
-    def motion(reference: Reference, rate: float) -> tuple[Array, Array, Array, Array]:
+    def motion(reference: Reference, rate: float) -> Motion:
         count = round(reference.duration * rate)
         q, dq, ddq = reference.at((np.arange(count) + 0.5) * (reference.duration / count))
         return q, dq, ddq, np.zeros_like(q)
@@ -224,8 +224,8 @@ def _result(
     problem: Problem,
     reference: Reference,
     table: dict[str, object],
-    fine: tuple[Array, Array, Array, Array],
-    motions: tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]],
+    fine: Motion,
+    motions: tuple[Motion, Motion],
     values: list[float],
     interrupted: bool,
 ) -> Excitation:

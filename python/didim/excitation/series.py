@@ -23,6 +23,10 @@ SAMPLES_PER_PERIOD = 20
 """Samples per period of the highest harmonic: the regressor contains products of positions and velocities, and friction."""
 
 
+Motion = tuple[Array, Array, Array, Array]
+"""Positions, velocities, accelerations and jerks, a row for each sample."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SeriesBasis:
     """Values of the admissible series and of their derivatives on a grid over one period.
@@ -60,7 +64,7 @@ class SeriesBasis:
         weighted = np.linalg.svd(rest)[2][3:].T
         return np.asarray(weighted / np.concatenate([k, k])[:, None])
 
-    def derivatives(self, samples: int) -> tuple[Array, Array, Array, Array]:
+    def derivatives(self, samples: int) -> Motion:
         """Position to jerk of each admissible series at `samples` times of one period, ``(samples, n_free)`` each."""
         w = 2.0 * np.pi / self.period_s * np.arange(1.0, self.harmonics + 1.0)
         angle = np.outer(np.arange(samples) * (self.period_s / samples), w)
@@ -73,7 +77,7 @@ class SeriesBasis:
         )
 
     @cached_property
-    def grid(self) -> tuple[Array, Array, Array, Array]:
+    def grid(self) -> Motion:
         """Derivatives on the grid of the optimiser."""
         return self.derivatives(self.samples)
 
@@ -96,7 +100,7 @@ class Series:
     scaled: Array
     offset: Array
 
-    def motion(self, factor: int = 1) -> tuple[Array, Array, Array, Array]:
+    def motion(self, factor: int = 1) -> Motion:
         """Position, velocity, acceleration and jerk of one period, on a grid `factor` times finer than the optimiser's."""
         if factor == 1:
             q, dq, ddq, jerk = (basis @ self.scaled for basis in self.basis.grid)

@@ -11,6 +11,8 @@ from ..errors import RecordingError
 
 Column = str | int
 """A column by name, or by number from 1."""
+Windows = tuple[tuple[int, int], ...]
+"""Half-open slices of samples, in order and without overlap."""
 MOST_COLUMNS = 10_000
 """Largest number of columns of a log: 100 signals of 100 joints."""
 LONGEST_LINE = 1_000_000

@@ -15,6 +15,7 @@ from .._tools.notebook import Brief
 from .._tools.pickling import Pickled
 from .._tools.settings import one_of, positive
 from ..errors import RecordingError
+from .data_format import Windows
 from .sampling import MINIMUM_SAMPLES, check_time
 
 Role = Literal["fit", "held-out"]
@@ -90,7 +91,7 @@ class Recording(Pickled, Brief):
     rate_hz: float
     q_ref: Array | None = None
     role: Role = "fit"
-    windows: tuple[tuple[int, int], ...] = ()
+    windows: Windows = ()
     has_positions: bool = True
     digests: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, Any] = field(default_factory=dict)
@@ -220,7 +221,7 @@ class Recording(Pickled, Brief):
         currents = self.tau @ np.linalg.inv(reduction)
         return replace(self, tau=(currents * gains) @ reduction, drives=None)
 
-    def _windows(self, n_samples: int) -> tuple[tuple[int, int], ...]:
+    def _windows(self, n_samples: int) -> Windows:
         try:
             windows = tuple((index(start), index(stop)) for start, stop in self.windows)
         except (TypeError, ValueError):

@@ -20,6 +20,7 @@ from ..errors import RecordingError
 from ..robot.robot import Robot
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
+from .data_format import Windows
 from .recording import OWN, Recording, Role, clock
 from .resampling import resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
@@ -185,7 +186,7 @@ def _signals(
     return _Signals(sources, values, t, base, resample, drives, _origin(sources, channels))
 
 
-def _rollouts(table: Table, signals: _Signals, rollouts: str) -> tuple[tuple[int, int], ...]:
+def _rollouts(table: Table, signals: _Signals, rollouts: str) -> Windows:
     """Return the windows of the rollouts, by a column or by gaps of the time stamps."""
     if signals.resample:
         table.fail("rollouts of uneven samples are not read: resample = true is for one run")
@@ -237,9 +238,9 @@ class _Clock:
 
     t: Array | None
     rate_hz: float | None
-    windows: tuple[tuple[int, int], ...] = ()
+    windows: Windows = ()
 
-    def of_rollouts(self, windows: tuple[tuple[int, int], ...], where: str) -> _Clock:
+    def of_rollouts(self, windows: Windows, where: str) -> _Clock:
         """Return the clock of rollouts, which have one rate."""
         rate, t = self.rate_hz, self.t
         if t is not None:
@@ -276,10 +277,10 @@ def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
 
 def _inside(
     table: Table,
-    windows: tuple[tuple[int, int], ...],
-    between_gaps: tuple[tuple[int, int], ...],
+    windows: Windows,
+    between_gaps: Windows,
     rate_hz: float,
-) -> tuple[tuple[int, int], ...]:
+) -> Windows:
     """Refuse a window with a gap."""
     for start, stop in windows:
         if not any(first <= start and stop <= last for first, last in between_gaps):

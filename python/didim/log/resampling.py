@@ -15,6 +15,7 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import RecordingError
+from .data_format import Windows
 from .sampling import MINIMUM_SAMPLES, RATE_TOLERANCE
 
 LONGEST_STRETCH = 100.0
@@ -55,7 +56,7 @@ class Resampling:
     rate_hz: float
     indices: np.ndarray
     weights: Array
-    windows: tuple[tuple[int, int], ...]
+    windows: Windows
     noise_variance: float
     repeated: int
     kept: np.ndarray

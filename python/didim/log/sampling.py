@@ -17,6 +17,7 @@ from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import brief, counted
 from ..errors import RecordingError
+from .data_format import Windows
 
 MINIMUM_SAMPLES = 3
 """Smallest number of samples of a log: central differences need three. Filters need more and raise their own error."""
@@ -123,7 +124,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
         )
 
 
-def stretches(last: Sequence[int], n_samples: int) -> tuple[tuple[int, int], ...]:
+def stretches(last: Sequence[int], n_samples: int) -> Windows:
     """Half-open sample slices between faults, given the last sample before each; none shorter than a tenth of the longest."""
     edges = [0, *(sample + 1 for sample in last), n_samples]
     longest = max(stop - start for start, stop in pairwise(edges))
@@ -134,7 +135,7 @@ def stretches(last: Sequence[int], n_samples: int) -> tuple[tuple[int, int], ...
     )
 
 
-def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> tuple[tuple[int, int], ...]:
+def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> Windows:
     """Return the half-open sample slices of a record's rollouts that are long enough for differences.
 
     Parameters
@@ -157,7 +158,7 @@ def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> tu
     return tuple((start, stop) for start, stop in pairwise(edges) if stop - start >= MINIMUM_SAMPLES)
 
 
-def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> tuple[tuple[int, int], ...]:
+def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> Windows:
     """Turn windows in seconds from the first sample into half-open sample slices.
 
     Raises

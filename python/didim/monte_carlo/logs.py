@@ -31,6 +31,10 @@ OTHER_SAMPLES = 1000
 """Number of samples of the other motion."""
 
 
+Motion = tuple[Array, Array, Array, Array]
+"""Position, velocity, acceleration and true torque of a motion, (n_samples, n_dof) each."""
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """The simulated robot of a scenario.
@@ -45,15 +49,15 @@ class Truth:
         Standard parameters.
     shared
         What the tasks of the study share.
-    other : tuple of (n_samples, n_dof) arrays, or None
-        Position, velocity, acceleration and true torque of the other motion.
+    other : Motion or None
+        The other motion.
     """
 
     key: str
     experiment: Experiment
     x: Array
     shared: Mapping[str, Any]
-    other: tuple[Array, Array, Array, Array] | None
+    other: Motion | None
 
     @cached_property
     def clean(self) -> Experiment:
@@ -108,14 +112,14 @@ class Model:
         True values of the base parameters of its robot; NaN for parameters that the simulated robot does not have.
     method : dict
         Settings of all methods.
-    other : tuple or None
+    other : Motion or None
         As in `Truth`.
     """
 
     experiment: Experiment
     beta: Array
     method: Mapping[str, Any]
-    other: tuple[Array, Array, Array, Array] | None
+    other: Motion | None
 
     def torque_errors(self, x: Array) -> tuple[float, Array]:
         """Return the relative torque error on the other motion, of all joints and per joint (n_dof,); NaN without such a motion."""
@@ -187,9 +191,7 @@ def _experiment(shared: Mapping[str, Any], keys: Keys, robot: Robot) -> Experime
     return read_experiment(content, Path(shared["files"][0]), robot=robot)
 
 
-def _other_motion(
-    shared: Mapping[str, Any], keys: Keys, robot: Robot, x: Array
-) -> tuple[Array, Array, Array, Array] | None:
+def _other_motion(shared: Mapping[str, Any], keys: Keys, robot: Robot, x: Array) -> Motion | None:
     """Return the motion for the torque errors: by default a random Fourier series of the next seed."""
     other = dict(shared["other_motion"])
     reference = changed(shared["experiment"], keys, shared["files"][0])["reference"]
