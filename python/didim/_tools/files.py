@@ -7,6 +7,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 from ..errors import OutputError
@@ -111,19 +112,13 @@ def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
     Path or None
         Path of the written file; None if this failed too.
     """
-    folders = []
     for folder_of in (Path.cwd, tempfile.gettempdir):
-        with contextlib.suppress(OSError):  # the folder was removed, or is not writable
-            folders.append(Path(folder_of()))
-    for folder in folders:
-        for number in range(1, 1000):
-            target = folder / f"{path.stem}-{number}{path.suffix}"
-            if target.exists():
-                continue
-            with contextlib.suppress(Exception):  # any error of a writer
-                write(target)
-                return target
-            break
+        # The folder was removed or is not writable, all names are in use, or the writer fails.
+        with contextlib.suppress(Exception):
+            named = (Path(folder_of()) / f"{path.stem}-{number}{path.suffix}" for number in range(1, 1000))
+            target = next(target for target in named if not target.exists())
+            write(target)
+            return target
     return None
 
 
@@ -160,13 +155,9 @@ def _write_beside(target: Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-_UMASK: list[int] = []
-
-
+@cache
 def _umask() -> int:
     """Return the file mode creation mask. It can only be read by setting it, so it is read once."""
-    if not _UMASK:
-        mask = os.umask(0o077)
-        os.umask(mask)
-        _UMASK.append(mask)
-    return _UMASK[0]
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

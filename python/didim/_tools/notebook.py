@@ -12,6 +12,7 @@ from typing import Any
 
 from ..errors import DidimError
 from .plugins import optional
+from .words import number_of
 
 Rows = Sequence[Sequence[str]]
 """Heading and cells of a table."""
@@ -83,13 +84,7 @@ def _table(rows: Rows) -> str:
 
 def _is_number(cell: str) -> bool:
     """Whether a cell is right-aligned: a number, or the mark of a missing one."""
-    if cell in ("", "-") or cell.startswith(">"):
-        return True
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    return cell in ("", "-") or cell.startswith(">") or number_of(cell) is not None
 
 
 def pandas() -> Any:

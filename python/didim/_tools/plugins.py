@@ -89,11 +89,8 @@ def places(value: object) -> Iterator[str]:
     if isinstance(value, str):
         if PLACE.fullmatch(value):
             yield value
-    elif isinstance(value, Mapping):
-        for inner in value.values():
-            yield from places(inner)
-    elif isinstance(value, list):
-        for inner in value:
+    elif isinstance(value, Mapping | list):
+        for inner in value.values() if isinstance(value, Mapping) else value:
             yield from places(inner)
 
 

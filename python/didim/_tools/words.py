@@ -89,6 +89,14 @@ def columned(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
     ]
 
 
+def number_of(text: str) -> float | None:
+    """Return a text as a number; None for any other, and for digits grouped by underscores, which Python takes."""
+    try:
+        return None if "_" in text else float(text)
+    except ValueError:
+        return None
+
+
 def counted(number: int, noun: str) -> str:
     """Return a count with its noun: ``1 column``, ``2 columns``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -96,7 +96,7 @@ EXAMPLES = (
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from .._tools.files import write_atomically
-    from .._tools.words import did_you_mean
+    from .._tools.words import did_you_mean, number_of
     from ..experiment.draft import initialise
     from ..log.units import ESTIMATE
 
@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
             if not sign or not value:
                 return refuse(f"--{option} takes {form}, such as --{option} {example}, got {text!r}")
             chosen[option][key] = value
-    numbers = [_number(text) for text in options.gain]
+    numbers = [number_of(text) for text in options.gain]
     estimated = options.gain == [ESTIMATE]
     if None in numbers and not estimated:
         wrong = options.gain[numbers.index(None)]
@@ -140,10 +140,3 @@ def run(options: argparse.Namespace) -> int:
     for question in draft.questions:
         message(question, "open")
     return saved.code(NOT_CONVERGED if draft.questions else CONVERGED)
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

@@ -188,7 +188,7 @@ def read_experiment(
     # An experiment and a robot may both be emps.toml.
     every = {**(digests or {}), f"robot {robot.path.name}": robot.digest}
     for recording in recordings:
-        every.update({f"data {file}": digest for file, digest in recording.digests.items()})
+        every |= {f"data {file}": digest for file, digest in recording.digests.items()}
     return Experiment(
         name=name,
         path=path,

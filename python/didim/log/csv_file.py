@@ -17,18 +17,11 @@ import didim._core as _core
 
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
-from .._tools.words import counted, known_names, nearest
+from .._tools.words import counted, known_names, nearest, number_of
 from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column, DataFile
 
 # A number with a decimal comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-
-
-def _number_or_none(cell: str) -> float | None:
-    try:
-        return None if "_" in cell else float(cell)
-    except ValueError:
-        return None
 
 
 class CsvFile(DataFile):
@@ -74,7 +67,7 @@ class CsvFile(DataFile):
             self.fail(f"the first line has {self.n_columns} columns, and a log has at most {MOST_COLUMNS}")
         if not any(cells):
             self.fail("the first line is blank")
-        numeric = [_number_or_none(cell) is not None for cell in cells]
+        numeric = [number_of(cell) is not None for cell in cells]
         if header is None:
             header = not any(numeric)
             if any(numeric) and not all(numeric):
@@ -147,7 +140,7 @@ class CsvFile(DataFile):
             self.fail('decimal = "," needs another delimiter than a comma: delimiter = ";"')
         points = [cell.replace(",", ".") for cell in cells]
         if header is None:
-            header = not any(_number_or_none(cell) is not None for cell in points)
+            header = not any(number_of(cell) is not None for cell in points)
         begin = (len(self._body) if end < 0 else end + 1) if header else 0
         numbers = self._body[begin:]
         point_at = numbers.find(b".")
@@ -233,7 +226,7 @@ class CsvFile(DataFile):
                 )
             for k, index in enumerate(usecols):
                 cell = cells[index].strip()
-                value = _number_or_none(cell)
+                value = number_of(cell)
                 if value is None:
                     comma = DECIMAL_COMMA.fullmatch(cell)
                     hint = '; for decimal commas, decimal = ","' if comma else ""

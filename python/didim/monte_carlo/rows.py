@@ -52,10 +52,15 @@ class Rows:
     remarks: tuple[str, ...] = ()
 
     @property
+    def statuses(self) -> dict[str, str]:
+        """Status of each row by id."""
+        rows = (*self.fits.values(), *self.truths.values(), *self.untrue.values())
+        return {row["id"]: row["status"] for row in rows}
+
+    @property
     def done(self) -> set[str]:
         """Ids of the finished tasks: all except those whose workers died."""
-        rows = [*self.fits.values(), *self.truths.values(), *self.untrue.values()]
-        return {row["id"] for row in rows if row["status"] != LOST}
+        return {key for key, status in self.statuses.items() if status != LOST}
 
 
 def times_path(path: Path) -> Path:

@@ -158,7 +158,7 @@ def _run(
 
 def _require_own(spec: StudySpec, known: Rows, path: Path) -> None:
     """Refuse a file in which no row belongs to the study, before rows of both are mixed."""
-    ids = {row["id"] for rows in (known.fits, known.truths, known.untrue) for row in rows.values()}
+    ids = known.statuses
     if ids and not any(task["id"] in ids for task in tasks(spec)):
         raise StudyError(
             f"{path}: its rows are of another study, or of another version of didim; give -o another file"
