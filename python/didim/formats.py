@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from .errors import FitError
 from .methods.table import title_of
 from .monte_carlo.results import StudyResults
@@ -111,29 +113,33 @@ def _identification(fit: Identification, form: str) -> str:
     return _pages(title, tables, notes)
 
 
+def _estimates(comparison: Comparison) -> Iterable[tuple[str, str, float, Sequence[Sequence[float]]]]:
+    """Give name, unit and truth of each base parameter, and of each method estimate, sigma, sigma % and deviation.
+
+    Those of a method without standard deviations are NaN.
+    """
+    base, columns = comparison.experiment.robot.base_parameters, []
+    for method, fit in comparison.fits.items():
+        sigmas = np.stack([fit.std, fit.relative_std_percent, comparison.deviations(method)])
+        columns.append(np.stack([fit.beta, *(sigmas if fit.std.any() else np.nan * sigmas)], axis=1).tolist())
+    return zip(base.names, base.units, comparison.truth.tolist(), zip(*columns, strict=True), strict=True)
+
+
 def _comparison(comparison: Comparison, form: str) -> str:
-    base = comparison.experiment.robot.base_parameters
     fits = comparison.fits
     if form == "csv":
         keys = ("value", "std", "relative_std_percent", "deviation")
-        rows: list[Sequence[str]] = [
-            ("name", "unit", "truth", *(f"{method}_{key}" for method in fits for key in keys))
-        ]
-        for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
-            row = [name, unit, _exact(comparison.truth[index])]
-            for method, fit in fits.items():
-                percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
-                sigmas = (fit.std[index], percent, off) if fit.std.any() else (math.nan,) * 3
-                row += [_exact(value) for value in (fit.beta[index], *sigmas)]
-            rows.append(row)
-        return _csv(rows)
+        head = ("name", "unit", "truth", *(f"{method}_{key}" for method in fits for key in keys))
+        rows = (
+            [name, unit, _exact(truth), *(_exact(value) for estimate in estimates for value in estimate)]
+            for name, unit, truth, estimates in _estimates(comparison)
+        )
+        return _csv([head, *rows])
     body = []
-    for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
-        cells = [name, unit, f"{comparison.truth[index]:.4g}"]
-        for method, fit in fits.items():
-            off = comparison.deviations(method)[index]
-            percent = fit.relative_std_percent[index] if fit.std.any() else math.nan
-            cells += [f"{fit.beta[index]:.4g}", _percent(percent), "-" if math.isnan(off) else f"{off:.1f}"]
+    for name, unit, truth, estimates in _estimates(comparison):
+        cells = [name, unit, f"{truth:.4g}"]
+        for value, _, percent, off in estimates:
+            cells += [f"{value:.4g}", _percent(percent), "-" if math.isnan(off) else f"{off:.1f}"]
         body.append(cells)
     align = "llr" + "rrr" * len(fits)
     titles = [title_of(method) for method in fits]

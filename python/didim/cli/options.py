@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._tools.words import printable
+from .._tools.words import number_of, printable
 from ..errors import RobotError
 from .terminal.color import VERDICTS, painted
 from .terminal.guide import Formatter
@@ -135,14 +135,10 @@ def locked(options: argparse.Namespace) -> dict[str, float]:
     angles: dict[str, float] = {}
     for text in options.lock:
         joint, _, value = text.rpartition("=")
-        try:
-            angles[joint] = float(value)
-        except ValueError:
-            joint = ""
-        if not joint:
-            raise RobotError(
-                f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}"
-            ) from None
+        angle = number_of(value)
+        if not joint or angle is None:
+            raise RobotError(f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}")
+        angles[joint] = angle
     return angles
 
 

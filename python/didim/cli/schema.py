@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import Any
 
 from .._tools.keys import NAME, Key, declared, path_inside
@@ -63,10 +62,7 @@ SHAPES: dict[str, list[dict[str, Any]]] = {
 
 def _default(path: str, key: Key) -> Any:
     """Return the default of a key: declared, or that of the settings; None without one."""
-    settings = (
-        {setting.name: setting.default for setting in fields(SETTINGS[path])} if path in SETTINGS else {}
-    )
-    value = settings.get(key.name, key.default)
+    value = getattr(SETTINGS.get(path), key.name, key.default)
     return list(value) if isinstance(value, tuple) else value
 
 

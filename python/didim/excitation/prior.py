@@ -14,13 +14,13 @@ import didim._core as _core
 from .._tools.arrays import Array
 from ..errors import ExcitationError
 from ..experiment.experiment import Experiment
-from ..experiment.experiment_file import load_experiment
+from ..experiment.experiment_file import experiment_of
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
 from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
-from ..signal.segments import segments
+from ..signal.segments import Segment, segments
 from .settings import Prior
 
 
@@ -44,20 +44,15 @@ def prior_information(source: Prior, robot: Robot, sigma: Array, log_rate_hz: fl
     ExcitationError
         For a source of another robot or another friction model.
     """
-    if isinstance(source, str | Path):
-        path = Path(source)
-        source = Identification.load(path) if path.suffix == ".json" else load_experiment(path)
+    if isinstance(source, str | Path) and Path(source).suffix == ".json":
+        source = Identification.load(source)
     if isinstance(source, Identification):
         return _of_result(source, robot)
-    _check_robot(source, robot)
-    total = np.zeros((len(robot.base_parameters.names),) * 2)
-    for recording in source.recordings:
-        if recording.role != "fit":
-            continue
-        for part in segments(recording, source.signal, 0.0):
-            weights = log_rate_hz / part.rate_hz / sigma**2
-            columns = list(robot.base_parameters.indices)
-            total += _core.information(robot.core, part.q, part.dq, part.ddq, columns, weights)
+    columns = list(robot.base_parameters.indices)
+    total = np.zeros((len(columns), len(columns)))
+    for part in _fitted(source, robot)[1]:
+        weights = log_rate_hz / part.rate_hz / sigma**2
+        total += _core.information(robot.core, part.q, part.dq, part.ddq, columns, weights)
     return total
 
 
@@ -90,12 +85,16 @@ def at_reference_temperature(robot: Robot) -> Robot:
     return robot if len(terms) == len(robot.friction.terms) else robot.with_terms(terms)
 
 
-def _check_robot(experiment: Experiment, robot: Robot) -> None:
+def _fitted(source: Experiment | str | Path, robot: Robot) -> tuple[Experiment, list[Segment]]:
+    """Return an experiment of a robot, and the segments of its recordings that are not held out."""
+    experiment = experiment_of(source)
     if at_reference_temperature(experiment.robot).parameter_names != robot.parameter_names:
         raise ExcitationError(
             f"experiment {experiment.name!r} is for robot {experiment.robot.name!r} with other parameters than robot "
             f"{robot.name!r}; is it the same robot with the same friction?"
         )
+    recordings = [each for each in experiment.recordings if each.role == "fit"]
+    return experiment, [part for each in recordings for part in segments(each, experiment.signal)]
 
 
 def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float) -> Array:
@@ -109,10 +108,7 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
     ExcitationError
         For an experiment of another robot, or a log without degrees of freedom.
     """
-    experiment = load_experiment(source) if isinstance(source, str | Path) else source
-    _check_robot(experiment, robot)
-    recordings = [each for each in experiment.recordings if each.role == "fit"]
-    parts = [part for each in recordings for part in segments(each, experiment.signal, 0.0)]
+    experiment, parts = _fitted(source, robot)
     selection = select(robot, experiment.fixed, experiment.dropped)
     system = linear_system(robot, parts, experiment.signal, selection)
     solution = np.linalg.lstsq(system.w, system.y, rcond=1e-10)

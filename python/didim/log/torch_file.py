@@ -119,12 +119,9 @@ class TorchFile(ArrayFile):
     def _collect(self, content: object, path: str) -> None:
         if isinstance(content, _Tensor):
             self._tensors[path or "tensor"] = content
-        elif isinstance(content, dict):
-            for key, value in content.items():
+        elif isinstance(content, dict | list | tuple):
+            for key, value in content.items() if isinstance(content, dict) else enumerate(content):
                 self._collect(value, f"{path}/{key}" if path else str(key))
-        elif isinstance(content, (list, tuple)):
-            for number, value in enumerate(content):
-                self._collect(value, f"{path}/{number}" if path else str(number))
 
 
 class _UnknownNameError(Exception):

@@ -51,10 +51,8 @@ def parts_of(keys: Keys) -> Parts:
     """
     parts = Parts()
     for key, value in keys.items():
-        side, inner = "", key
-        for prefix in ("truth.", "model."):
-            if key.startswith(prefix):
-                side, inner = prefix, key.removeprefix(prefix)
+        side = next((prefix for prefix in ("truth.", "model.") if key.startswith(prefix)), "")
+        inner = key.removeprefix(side)
         root, _, rest = inner.partition(".")
         if not rest:
             raise StudyError(
@@ -71,15 +69,13 @@ def parts_of(keys: Keys) -> Parts:
             raise StudyError(f"key {key!r}: [{root}] does not change a simulated log; leave out 'truth.'")
         if root == "measurement" and side == "model.":
             raise StudyError(f"key {key!r}: methods do not use the noise of a log; omit 'model.'")
+        own = root == "robot"
+        truth, model = (parts.truth_robot, parts.model_robot) if own else (parts.truth, parts.model)
         if side != "model." and root not in PROCESSING:
-            _put(parts.truth_robot if root == "robot" else parts.truth, root, inner, value)
+            truth[rest if own else inner] = value
         if side != "truth.":
-            _put(parts.model_robot if root == "robot" else parts.model, root, inner, value)
+            model[rest if own else inner] = value
     return parts
-
-
-def _put(tree: dict[str, Any], root: str, key: str, value: object) -> None:
-    tree[key.removeprefix("robot.") if root == "robot" else key] = value
 
 
 def changed(content: Mapping[str, Any], keys: Keys, what: str) -> dict[str, Any]:

@@ -164,7 +164,7 @@ def _truth(task: Task, shared: dict[str, Any]) -> Truth:
             truth.clean  # noqa: B018 - one thread simulates it here
         return truth
 
-    return _TRUTHS.get((task["digest"], _key(keys)), make)
+    return _TRUTHS.get((task["digest"], canonical(keys)), make)
 
 
 def _truth_row(task: Task) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
     """Row of an identification."""
     shared, keys, asked, seed = _shared(task), task["scenario"]["keys"], task["method"], task["seed"]
     truth = _truth(task, shared)
-    where = (task["digest"], _key(keys), _key(asked["keys"]))
+    where = (task["digest"], canonical(keys), canonical(asked["keys"]))
     model = _MODELS.get(where, lambda: model_of(shared, keys, asked["keys"], truth))
     noisy = _LOGS.get((task["digest"], truth.key, seed), lambda: truth.noisy(seed))
     method = method_of(asked["name"], {**asked["settings"], **model.method}, truth.starts(seed, model))
@@ -268,10 +268,6 @@ def _judged(fit: Identification, model: Model) -> dict[str, Any]:
         "torque_error": _number(torque),
         "torque_errors": _plain(joints),
     }
-
-
-def _key(value: object) -> str:
-    return json.dumps(value, sort_keys=True)
 
 
 def _number(value: float) -> float | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -48,19 +48,16 @@ class DelaySettings:
 
     def __post_init__(self) -> None:
         value = self.compensate_samples
-        if isinstance(value, str):
-            if value not in ("hold", "estimate"):
-                raise FitError(_wrong(value))
+        if isinstance(value, str) and value in ("hold", "estimate"):
             return
-        values: list[Any] = list(value) if isinstance(value, (Sequence, np.ndarray)) else [value]
-        if not values or not all(math.isfinite(real_number(one)) for one in values):
-            raise FitError(_wrong(value))
-        if isinstance(value, (Sequence, np.ndarray)):
-            object.__setattr__(self, "compensate_samples", tuple(float(one) for one in values))
-
-
-def _wrong(value: object) -> str:
-    return f"compensate_samples must be a number, one per joint, 'hold' or 'estimate', got {value!r}"
+        values: Any = value if isinstance(value, Sequence | np.ndarray) else (value,)
+        numbers = tuple(map(real_number, values))
+        if not numbers or not all(map(math.isfinite, numbers)):
+            raise FitError(
+                f"compensate_samples must be a number, one per joint, 'hold' or 'estimate', got {value!r}"
+            )
+        if values is value:
+            object.__setattr__(self, "compensate_samples", numbers)
 
 
 def hold_samples(sample_time_s: float, rate_hz: float) -> float:
