@@ -37,6 +37,7 @@ from .draft_filters import choose_filters, sentence_of
 from .draft_pendulum import gain_lines, payload_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
+from .loop_tables import of_actuators
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
@@ -352,7 +353,7 @@ def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Dra
 
 def _limits(robot: Robot) -> list[str]:
     """Return the line of the servos' largest torques, if actuators or joints have them."""
-    if any(getattr(actuator, "effort", None) is not None for actuator in robot.actuators):
+    if "saturation" in of_actuators(robot):
         return ["# saturation: that of the actuators of the robot file"]
     efforts = [limits.effort for limits in robot.limits]
     if any(effort is None for effort in efforts):

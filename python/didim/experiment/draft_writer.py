@@ -20,6 +20,7 @@ from .draft_columns import Column, listed
 from .draft_files import REPEATED, Log
 from .draft_filters import moving_window
 from .draft_pendulum import recording_lines
+from .loop_tables import of_actuators
 
 TWO_TURNS = 4.0 * math.pi
 """Range of positions beyond which they are taken for degrees: two turns in radians, more than most joints move."""
@@ -70,13 +71,6 @@ class DraftOptions:
     servo: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
 
-def has_gains(robot: Robot, options: DraftOptions) -> bool:
-    """Whether the gains of position servos are known, from the user or from the robot's actuators."""
-    gains = {"kp", "kv"}.difference(options.servo)
-    drives = [getattr(actuator, gain, None) for gain in gains for actuator in robot.actuators]
-    return not gains or (bool(drives) and None not in drives)
-
-
 class RecordingWriter:
     """Writes one ``[[recording]]``.
 
@@ -107,7 +101,7 @@ class RecordingWriter:
     ) -> None:
         self.robot, self.source, self.name, self.file = robot, source, name, file
         self.rate, self.gains, self.sides = options.rate_hz, options.gains, options.sides
-        self.servo = has_gains(robot, options)
+        self.servo = {"kp", "kv"} <= {*options.servo, *of_actuators(robot)}
         self.draft = draft
         self.position = self._group("position")
         self.torque = self._group("torque") or self._group("current") or self._group("voltage")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.toml import Table
+from .._tools.toml import MISSING, Table
 from .._tools.words import series
 from ..errors import DidimError, ExperimentError
 from ..log.units import POSITION, has_joint_values, joint_values
@@ -98,7 +98,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     settings = table.content_unread
     if kind == "made-up":
         return _made_up(table, settings)
-    own = _of_actuators(robot) if kind == "pd" else {}
+    own = of_actuators(robot) if kind == "pd" else {}
     damped = kind == "cascade" or (
         "kp" in own and "kp" not in settings and "natural_frequency_hz" not in settings
     )
@@ -132,10 +132,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         gains["inertia"] = inertia or [1.0] * n
         kind = "tuned"
     else:
-        gains = {
-            key: table.spread(key, n, own[key]) if key in own else table.spread(key, n)
-            for key in ("kp", "kv")
-        }
+        gains = {key: table.spread(key, n, own.get(key, MISSING)) for key in ("kp", "kv")}
         if kind == "pid":
             gains["ki"] = table.spread("ki", n)
         if kind == "cascade" and table.has("integral_time_s"):
@@ -148,7 +145,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     return ControllerSpec(recipe, settings, 0.0 if digital is None else digital.sample_time_s)
 
 
-def _of_actuators(robot: Robot) -> dict[str, list[float]]:
+def of_actuators(robot: Robot) -> dict[str, list[float]]:
     """Return gains and largest torques of the robot's position actuators, if all joints have finite ones."""
     gains: dict[str, list[float]] = {}
     for key in ("kp", "kv"):

@@ -106,7 +106,7 @@ class Recording(Pickled, Brief):
         object.__setattr__(self, "own", tuple(self.own))
         for block in self.own:
             one_of(f"{self.name}: own", block, OWN, RecordingError)
-        object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
+        object.__setattr__(self, "rate_hz", positive(f"{self.name}: rate_hz", self.rate_hz, RecordingError))
         if self.has_positions:
             q = self._matrix("q", self.q)
         elif self.q_ref is None:
@@ -187,7 +187,7 @@ class Recording(Pickled, Brief):
 
         `q` is None for a log with reference positions only.
         """
-        rate = checked_rate(name, rate_hz)
+        rate = positive(f"{name}: rate_hz", rate_hz, RecordingError)
         if q is None:
             if q_ref is None:
                 raise RecordingError(f"{name}: give q, or q_ref for a log without measured positions")
@@ -257,11 +257,6 @@ class Recording(Pickled, Brief):
                 f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
             )
         return matrix
-
-
-def checked_rate(name: str, rate_hz: object) -> float:
-    """Return a sampling rate (Hz) as a float, or raise a `RecordingError` that names the recording."""
-    return positive(f"{name}: rate_hz", rate_hz, RecordingError)
 
 
 def clock(n_samples: int, rate_hz: float) -> Array:

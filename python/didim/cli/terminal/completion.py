@@ -40,11 +40,10 @@ def run(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its names, its value (none, a file or other value, or one of `words`), and its help."""
+    """One option: its names, the choices of its value (none: a file or another value; None: no value), and its help."""
 
-    names: tuple[str, ...]
-    takes_value: bool
-    words: tuple[str, ...]
+    names: Sequence[str]
+    words: tuple[str, ...] | None
     text: str
 
 
@@ -61,20 +60,17 @@ class Command:
 def _commands(commands: Commands) -> Iterator[Command]:
     sentences = command_sentences(commands)
     for name, command in commands.choices.items():
-        options, first = [], None
-        for action in command._actions:
-            if action.option_strings:
-                options.append(
-                    Option(
-                        names=tuple(action.option_strings),
-                        takes_value=action.nargs != 0,
-                        words=_words(action),
-                        text=_sentence(command, action),
-                    )
-                )
-            elif first is None:
-                first = _words(action)
-        yield Command(name, sentences[name], tuple(options), first or ())
+        options = tuple(
+            Option(
+                action.option_strings,
+                None if action.nargs == 0 else _words(action),
+                _sentence(command, action),
+            )
+            for action in command._actions
+            if action.option_strings
+        )
+        arguments = [_words(action) for action in command._actions if not action.option_strings]
+        yield Command(name, sentences[name], options, arguments[0] if arguments else ())
 
 
 def _words(action: argparse.Action) -> tuple[str, ...]:
@@ -101,7 +97,7 @@ def bash(commands: Sequence[Command]) -> str:
     values, options, first = [], [], []
     for command in commands:
         for option in command.options:
-            if option.takes_value:
+            if option.words is not None:
                 places = " | ".join(f'"{command.name} {name}"' for name in option.names)
                 words = " ".join(option.words)
                 reply = f'COMPREPLY=($(compgen -W "{words}" -- "$cur"))' if words else "COMPREPLY=()"
@@ -161,7 +157,7 @@ def zsh(commands: Sequence[Command]) -> str:
         for option in command.options:
             text = option.text.replace("[", "(").replace("]", ")").replace(":", "\\:")
             for name in option.names:
-                value = f":value:{_zsh_values(option.words)}" if option.takes_value else ""
+                value = "" if option.words is None else f":value:{_zsh_values(option.words)}"
                 lines.append(f"                {_quoted(f'{name}[{text}]{value}')} \\")
         if command.words:
             lines.append(f"                {_quoted(f'1:value:{_zsh_values(command.words)}')} \\")
@@ -197,9 +193,9 @@ def fish(commands: Sequence[Command]) -> str:
             names = " ".join(
                 f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in option.names
             )
-            value = ""
-            if option.takes_value:
-                value = f" -x -a {_quoted(' '.join(option.words))}" if option.words else " -r"
+            value = "" if option.words is None else " -r"
+            if option.words:
+                value = f" -x -a {_quoted(' '.join(option.words))}"
             lines.append(f"{head} {names}{value} -d {_quoted(option.text)}")
     return "\n".join(lines) + "\n"
 
