@@ -13,7 +13,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from ..errors import FitError, OutputError
+from ..errors import FitError
 from .files import write_atomically
 from .inputs import read_file
 
@@ -35,10 +35,9 @@ def read_saved(path: str | Path) -> dict[str, Any]:
     FitError
         When the file cannot be read, is not JSON, or not that of a result of this schema.
     """
+    raw = read_file(Path(path), FitError, copies=COPIES)
     try:
-        data = json.loads(read_file(Path(path), FitError, copies=COPIES).decode("utf-8-sig"))
-    except (OutputError, FitError):
-        raise
+        data = json.loads(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, an integer of thousands of digits
         hint = (
             "; the result (FIT.json) comes first, then the experiment" if Path(path).suffix == ".toml" else ""

@@ -106,18 +106,21 @@ def figures_of(
         Times of the runs, where known.
     """
     fits = [row for row in rows if row["status"] not in (FAILED, ERROR, LOST)]
-    known = np.array([np.nan if value is None else value for value in truth], dtype=np.float64)
+    known = np.array(truth, dtype=np.float64)  # NaN for None
     # A method with its own keys may have other parameters than the scenario; then only its torques are judged.
     alike = [row for row in fits if len(row["beta"]) == len(known)]
-    beta, std = (_numbers([row[key] for row in alike], len(known)) for key in ("beta", "std"))
-    factor = _numbers([[row["factor"]] for row in alike], 1)
+    beta, std = (
+        np.array([row[key] for row in alike], dtype=np.float64).reshape(len(alike), len(known))
+        for key in ("beta", "std")
+    )
+    factor = np.array([row["factor"] for row in alike], dtype=np.float64)[:, None]
     # A parameter without standard deviation or true value is not judged (z is NaN).
     z = quotient(beta - known, std, np.nan)
     judged = np.isfinite(z)
     z = z[judged.any(axis=1)][:, judged.any(axis=0)]
     within = np.where(np.isfinite(z), np.abs(z) <= factor[judged.any(axis=1)], np.nan)
     off = np.linalg.norm(np.nan_to_num(beta - known), axis=1) / np.linalg.norm(np.nan_to_num(known))
-    torque = _numbers([[row["torque_error"]] for row in fits], 1).ravel()
+    torque = np.array([row["torque_error"] for row in fits], dtype=np.float64)
     return Figures(
         scenario=scenario,
         method=method,
@@ -136,17 +139,11 @@ def figures_of(
     )
 
 
-def _numbers(rows: Sequence[Sequence[float | None]], columns: int) -> Array:
-    """Return rows as an array (n, columns), also without rows; None is not a number."""
-    values = [[np.nan if value is None else value for value in row] for row in rows]
-    return np.array(values, dtype=np.float64).reshape(len(rows), columns)
-
-
 def _error_of_mean(beta: Array, known: Array) -> float:
-    if not len(beta):
-        return NAN
     size = np.linalg.norm(np.nan_to_num(known))
-    return float(np.linalg.norm(np.nan_to_num(beta.mean(axis=0) - known)) / size) if size > 0.0 else NAN
+    if not len(beta) or size == 0.0:
+        return NAN
+    return float(np.linalg.norm(np.nan_to_num(beta.mean(axis=0) - known)) / size)
 
 
 def _bias(z: Array) -> Estimate:

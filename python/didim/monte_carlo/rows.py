@@ -208,8 +208,7 @@ def _lines(content: bytes) -> Iterable[Line]:
         try:
             row = json.loads(line)
         except (ValueError, RecursionError):  # deeply nested brackets
-            yield number, None
-            continue
+            row = None
         yield number, row if isinstance(row, dict) else None
 
 
