@@ -16,7 +16,8 @@ def add(commands: Commands) -> None:
         "check",
         run,
         "look for errors of a log before it is fitted; exit code 1 when something is found",
-        ("didim check log.toml", "didim check log.toml --parameters fit.json --json findings.json"),
+        "didim check log.toml",
+        "didim check log.toml --parameters fit.json --json findings.json",
     )
     add_experiment(parser)
     add_option(

@@ -36,11 +36,9 @@ def add(commands: Commands) -> None:
         "compare",
         run,
         "compare all methods with the truth on a simulated log: the paper's experiment",
-        (
-            "didim compare",
-            "didim compare --nelder-mead none --json out.json",
-            "didim compare --experiment log.toml --contrast",
-        ),
+        "didim compare",
+        "didim compare --nelder-mead none --json out.json",
+        "didim compare --experiment log.toml --contrast",
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(

@@ -30,10 +30,8 @@ def add(commands: Commands) -> None:
         "excite",
         run,
         "design the motion that identifies a robot best within its limits",
-        (
-            "didim excite ur5e -o motion.csv",
-            "didim excite arm.toml excite.toml -o motion.script --report motion.html",
-        ),
+        "didim excite ur5e -o motion.csv",
+        "didim excite arm.toml excite.toml -o motion.script --report motion.html",
     )
     add_robot(parser)
     add_option(

@@ -22,12 +22,10 @@ def add(commands: Commands) -> None:
         "export",
         run,
         "write identified parameters into your URDF or MJCF, or for simulators, as C or LaTeX",
-        (
-            "didim export fit.json --urdf arm.urdf -o new.urdf",
-            "didim export fit.json --mjcf -o arm.xml",
-            "didim export fit.json --mjcf go2.xml -o go2_fit.xml --for-step 0.002",
-            "didim export fit.json --c --prefix arm_ -o arm.h",
-        ),
+        "didim export fit.json --urdf arm.urdf -o new.urdf",
+        "didim export fit.json --mjcf -o arm.xml",
+        "didim export fit.json --mjcf go2.xml -o go2_fit.xml --for-step 0.002",
+        "didim export fit.json --c --prefix arm_ -o arm.h",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path, nargs="?")
     add_option(

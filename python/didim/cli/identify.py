@@ -26,7 +26,13 @@ from .outputs import Saved, check_outputs
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "identify", run, "identify the parameters of a robot from an experiment", EXAMPLES
+        commands,
+        "identify",
+        run,
+        "identify the parameters of a robot from an experiment",
+        "didim identify log.toml",
+        "didim identify log.toml --method didim --json fit.json --report fit.html",
+        "didim identify log.toml --physical --save-parameters found.toml",
     )
     add_experiment(parser)
     _add_method(parser.add_argument_group("method"))
@@ -101,14 +107,6 @@ def _add_cloe(cloe: Options) -> None:
         "save the search to a file while it runs, and resume it from there",
         Path,
     )
-
-
-EXAMPLES = (
-    "didim identify log.toml",
-    "didim identify log.toml --method didim --json fit.json --report fit.html",
-    "didim identify log.toml --physical --save-parameters found.toml",
-)
-"""Examples of the help."""
 
 
 CHOICES = (

@@ -26,7 +26,14 @@ from .terminal.messages import message
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "init", run, "write a first experiment file for a log, to be confirmed", EXAMPLES
+        commands,
+        "init",
+        run,
+        "write a first experiment file for a log, to be confirmed",
+        "didim init ur5e log.csv",
+        "didim init arm.urdf log1.csv log2.csv -o logs.toml",
+        "didim init go2.xml traj_0.pt --kp 20 --kv 1.5",
+        "didim init ur10e free.csv --columns current=14-19 --gain 14.87 13.26 11.13 10.62 11.03 11.47",
     )
     add_robot(parser)
     add_option(
@@ -82,15 +89,6 @@ def _add_log(parser: Options) -> None:
         parser, "--values-per-sample N", "values in each sample, for a text with one value a line", int
     )
     add_option(parser, "--topic TOPIC", "topic of joint states, for a ROS bag with several")
-
-
-EXAMPLES = (
-    "didim init ur5e log.csv",
-    "didim init arm.urdf log1.csv log2.csv -o logs.toml",
-    "didim init go2.xml traj_0.pt --kp 20 --kv 1.5",
-    "didim init ur10e free.csv --columns current=14-19 --gain 14.87 13.26 11.13 10.62 11.03 11.47",
-)
-"""Examples of the help."""
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,7 +21,8 @@ def add(commands: Commands) -> None:
         "schema",
         schema,
         "print every key of the files",
-        ("didim schema robot", "didim schema experiment --json > didim.schema.json"),
+        "didim schema robot",
+        "didim schema experiment --json > didim.schema.json",
     )
     add_option(
         parser,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +54,7 @@ def add_command(
     name: str,
     run: Callable[[argparse.Namespace], int],
     help_text: str,
-    examples: Sequence[str] = (),
+    *examples: str,
 ) -> argparse.ArgumentParser:
     """Add the parser of a command, and the function that runs it.
 
@@ -68,7 +68,7 @@ def add_command(
         Function of the options that returns the exit code.
     help_text : str
         Sentence on the command, without a full stop.
-    examples : sequence of str
+    *examples : str
         Command lines that the help shows below the options.
     """
     parser = commands.add_parser(

@@ -17,10 +17,8 @@ def add(commands: Commands) -> None:
         "simulate",
         run,
         "simulate the controlled robot of an experiment, and compare it with its recording",
-        (
-            "didim simulate log.toml --parameters fit.json",
-            "didim simulate log.toml --parameters didim -o simulated.csv",
-        ),
+        "didim simulate log.toml --parameters fit.json",
+        "didim simulate log.toml --parameters didim -o simulated.csv",
     )
     add_experiment(parser)
     add_option(

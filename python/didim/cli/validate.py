@@ -26,10 +26,8 @@ def add(commands: Commands) -> None:
         "validate",
         run,
         "compare a result with another log: predicted and simulated torques",
-        (
-            "didim validate fit.json other.toml --report other.html",
-            "didim validate fit.json go2.toml --mujoco go2_fit.xml",
-        ),
+        "didim validate fit.json other.toml --report other.html",
+        "didim validate fit.json go2.toml --mujoco go2_fit.xml",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path)
     add_experiment(parser)

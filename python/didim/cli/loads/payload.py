@@ -16,7 +16,7 @@ def add(commands: Commands) -> None:
         "payload",
         run,
         "find mass, centre and inertia of an unknown payload, with a known robot",
-        ("didim payload fit.json loaded.toml",),
+        "didim payload fit.json loaded.toml",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path)
     add_option(parser, "log LOG.toml", "experiment file of the log with the payload", Path)

@@ -16,10 +16,8 @@ def add(commands: Commands) -> None:
         "residual",
         run,
         "find external torques along a log: contacts, and changes of the payload",
-        (
-            "didim residual fit.json log.toml",
-            "didim residual fit.json log.toml -o torques.csv --plot torques.svg",
-        ),
+        "didim residual fit.json log.toml",
+        "didim residual fit.json log.toml -o torques.csv --plot torques.svg",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path)
     add_option(parser, "log LOG.toml", "experiment file of the log", Path)

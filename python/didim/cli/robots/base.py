@@ -15,7 +15,8 @@ def add(commands: Commands) -> None:
         "base",
         run,
         "list the base parameters of a robot, their groupings, its pose at q = 0 and its reach",
-        ("didim base tx40", "didim base arm.urdf --format latex"),
+        "didim base tx40",
+        "didim base arm.urdf --format latex",
     )
     add_robot(parser)
     add_format(parser)

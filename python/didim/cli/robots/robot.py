@@ -23,11 +23,9 @@ def add(commands: Commands) -> None:
         "robot",
         run,
         "print the rows and frames of a robot, or make a robot file of a URDF",
-        (
-            "didim robot ur5e",
-            "didim robot arm.urdf -o arm.toml",
-            "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
-        ),
+        "didim robot ur5e",
+        "didim robot arm.urdf -o arm.toml",
+        "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
     )
     add_option(parser, "robot ROBOT", "URDF, robot file, or name of a packaged robot")
     add_option(

@@ -24,12 +24,10 @@ def add(commands: Commands) -> None:
         "view",
         run,
         "show a robot, its motion and its inertias in a browser",
-        (
-            "didim view arm.urdf --meshes ~/robots",
-            "didim view log.toml --parameters fit.json",
-            "didim view fit.json",
-            "didim view motion.csv --robot ur5e",
-        ),
+        "didim view arm.urdf --meshes ~/robots",
+        "didim view log.toml --parameters fit.json",
+        "didim view fit.json",
+        "didim view motion.csv --robot ur5e",
     )
     add_option(
         parser,

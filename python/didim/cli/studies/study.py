@@ -28,12 +28,6 @@ if TYPE_CHECKING:
     from ...monte_carlo.results import StudyResults
     from ...monte_carlo.study import Progress
 
-EXAMPLES = (
-    "didim study study.toml -o rows.jsonl",
-    "didim study rows_a.jsonl rows_b.jsonl --report study.html",
-    "didim study study.toml --dask tcp://host:8786",
-)
-"""Examples of the help."""
 
 STUDY_PROGRESS_S = 2.0
 """Time (s) between two progress lines of a study."""
@@ -41,7 +35,15 @@ STUDY_PROGRESS_S = 2.0
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
-    parser = add_command(commands, "study", run, "identify many simulated logs by several methods", EXAMPLES)
+    parser = add_command(
+        commands,
+        "study",
+        run,
+        "identify many simulated logs by several methods",
+        "didim study study.toml -o rows.jsonl",
+        "didim study rows_a.jsonl rows_b.jsonl --report study.html",
+        "didim study study.toml --dask tcp://host:8786",
+    )
     add_option(
         parser,
         "study STUDY.toml|ROWS.jsonl",

@@ -22,11 +22,9 @@ def add(commands: Commands) -> None:
         "completion",
         run,
         "print the script that completes didim on the command line",
-        (
-            'eval "$(didim completion bash)"              in ~/.bashrc',
-            'eval "$(didim completion zsh)"               in ~/.zshrc, after compinit',
-            "didim completion fish > ~/.config/fish/completions/didim.fish",
-        ),
+        'eval "$(didim completion bash)"              in ~/.bashrc',
+        'eval "$(didim completion zsh)"               in ~/.zshrc, after compinit',
+        "didim completion fish > ~/.config/fish/completions/didim.fish",
     )
     parser.set_defaults(commands=commands)
     add_option(parser, "shell SHELL", "bash, zsh or fish", choices=tuple(SCRIPTS))
