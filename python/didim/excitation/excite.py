@@ -5,7 +5,6 @@ Tested in ``tests/test_excitation.py``; ``benches/excitation.py`` has the study 
 
 from __future__ import annotations
 
-import os
 import time
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -123,10 +122,7 @@ def _series(task: Task, progress: Progress, executor: Executor | None) -> Excita
         problems.append(task.problem(scaling))
         starts.append(trials)
     random = problems[0].feasible(randoms[0])
-    threads = settings.threads or os.cpu_count() or 1
-    reached, problems, interrupted = search_all(
-        problems, starts, settings.iterations, settings.seed, threads, progress, executor
-    )
+    reached, problems, interrupted = search_all(problems, starts, settings, progress, executor)
     ends = [_end(problem, one) for problem, one in zip(problems, reached, strict=True)]
     values = [
         -np.inf if end is None else problem.criterion(problem.information.matrix(*end.motion()[:3]))[0]

@@ -9,6 +9,7 @@ the result has the same bits for any number of threads. Tested in ``tests/test_e
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
@@ -18,6 +19,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..problem import Problem
 from ..series import POWERS
+from ..settings import ExcitationSettings
 from .descent import Descent
 
 WEIGHTS = (100.0, 2000.0)
@@ -141,11 +143,9 @@ class Search:
 def search_all(
     problems: Sequence[Problem],
     starts: Sequence[Sequence[Array]],
-    iterations: int,
-    seed: int,
-    threads: int,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
+    settings: ExcitationSettings,
+    progress: Progress,
+    executor: Executor | None,
 ) -> tuple[list[Array], list[Problem], bool]:
     """Run all starts on threads, or on an executor of the caller.
 
@@ -153,15 +153,11 @@ def search_all(
     ----------
     problems, starts : sequences
         A problem for each start, and its random motions.
-    iterations : int
-        As in `Search`.
-    seed : int
-        Seed of the first start; the others follow it.
-    threads : int
-        Number of parallel starts.
-    progress : callable, optional
+    settings : ExcitationSettings
+        Length of the search, number of parallel starts, and the seed of the first start, which the others follow.
+    progress : callable
         See `Progress`.
-    executor : Executor, optional
+    executor : Executor or None
         Runs the starts instead of threads.
 
     Returns
@@ -172,7 +168,7 @@ def search_all(
     """
     if executor is not None:
         sent = [
-            executor.submit(search_apart, problem, start, iterations, seed + index)
+            executor.submit(search_apart, problem, start, settings.iterations, settings.seed + index)
             for index, (problem, start) in enumerate(zip(problems, starts, strict=True))
         ]
         try:
@@ -185,15 +181,14 @@ def search_all(
     stop = threading.Event()
 
     def one(index: int) -> Array:
-        tell = None
-        if progress is not None:
+        def tell(calls: int, least: float) -> None:
+            progress(index + 1, calls, -least)
 
-            def tell(calls: int, least: float) -> None:
-                progress(index + 1, calls, -least)
-
-        return Search(problems[index], iterations, seed + index, stop, tell).run(starts[index])
+        search = Search(problems[index], settings.iterations, settings.seed + index, stop, tell)
+        return search.run(starts[index])
 
     interrupted = False
+    threads = settings.threads or os.cpu_count() or 1
     with ThreadPoolExecutor(max_workers=max(1, min(threads, len(starts)))) as pool:
         futures: list[Future[Array]] = []
         running = True
