@@ -232,7 +232,7 @@ def test_a_term_must_not_predict_a_recording_worse(
 
 @pytest.mark.parametrize(("share", "steps"), [(0.095, 0), (0.105, 1)])
 def test_a_spring_takes_a_tenth_of_the_error(share: float, steps: int) -> None:
-    rules = stub(_supported=lambda change, before: True, _is_spring=lambda place: True)
+    rules = stub(_supported=lambda change, before: True, springs=[3])
     one = np.ones(5)
     assert len(Screen._steps(rules, one, one, share * one[:, None], [3], None)) == steps
 

@@ -6,10 +6,18 @@ depend on blocks. Tested in ``tests/test_solver.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
+
+Rows = NDArray[np.intp]
+"""Numbers of rows of a system."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,12 @@ class Block:
     @property
     def n_rows(self) -> int:
         """Number of rows."""
-        return len(range(self.rows.start, self.rows.stop, self.rows.step or 1))
+        return len(self.numbers)
+
+    @property
+    def numbers(self) -> Rows:
+        """Numbers of the rows in the system."""
+        return np.arange(self.rows.start, self.rows.stop, self.rows.step or 1)
 
 
 def stacked(
@@ -81,15 +94,13 @@ def stacked(
 
 def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
     """Return the blocks of each joint."""
-    groups: dict[int, list[Block]] = {}
-    for block in blocks:
-        groups.setdefault(block.joint, []).append(block)
-    return [groups[joint] for joint in sorted(groups)]
+    return _grouped(blocks, lambda block: block.joint)
 
 
 def by_window(blocks: Iterable[Block]) -> list[list[Block]]:
     """Return the blocks of each window of each recording, which a jackknife leaves out together."""
-    groups: dict[tuple[int, int], list[Block]] = {}
-    for block in blocks:
-        groups.setdefault((block.recording, block.window), []).append(block)
-    return [groups[window] for window in sorted(groups)]
+    return _grouped(blocks, lambda block: (block.recording, block.window))
+
+
+def _grouped(blocks: Iterable[Block], key: Callable[[Block], Any]) -> list[list[Block]]:
+    return [list(group) for _, group in groupby(sorted(blocks, key=key), key)]

@@ -17,14 +17,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from .block import Block
+from .block import Block, Rows
 from .linear_system import LinearSystem
 from .settings import LeastSquaresSettings
-
-Columns = NDArray[np.intp]
 
 SMALLEST_ROWS_SHARE = 0.05
 """Smallest ratio of a joint's expected squares to its rows for a variance of its own; otherwise it gets that of all joints."""
@@ -54,7 +51,7 @@ def covariance(
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
         # In the orthonormal columns Q = W R^-1: with a nearly dependent W rounding could give negative variances.
         starts, stops = np.array([(rows.start, rows.stop) for rows in system.joints]).T
-        q: list[tuple[Columns, Array]] = [(np.arange(0), np.zeros((0, 0)))] * len(starts)
+        q: list[tuple[Rows, Array]] = [(np.arange(0), np.zeros((0, 0)))] * len(starts)
         for (rows, columns), w in zip(system.parts, system.matrices, strict=True):
             part = w * weights[rows, None] @ inverse_r[np.ix_(columns, columns)]
             first, last = np.searchsorted(rows, (starts, stops))
@@ -97,7 +94,7 @@ def decimated(
 def _decimated(
     system: LinearSystem,
     settings: LeastSquaresSettings,
-    q: Sequence[tuple[Columns, Array]],
+    q: Sequence[tuple[Rows, Array]],
     residual: Array,
     inverse_r: Array,
 ) -> Array:
@@ -111,16 +108,15 @@ def _decimated(
         plain[joint][square] = part.T @ part
         coloured[joint][square] = part.T @ _correlated(part, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
-    sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
     # Expected squares of the residual of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.
     traces = np.trace(coloured, axis1=1, axis2=2)
-    expected = sizes - 2.0 * traces + np.einsum("jab,ab->j", plain, coloured.sum(axis=0))
+    expected = system.counts - 2.0 * traces + np.einsum("jab,ab->j", plain, coloured.sum(axis=0))
     pooled = squares.sum() / expected.sum()
     if settings.weights == "none":
         variances = np.full(n, pooled)
     else:
         # A joint with hardly more rows than parameters cannot identify its noise, so all joints together are used.
-        by_itself = expected > SMALLEST_ROWS_SHARE * sizes
+        by_itself = expected > SMALLEST_ROWS_SHARE * system.counts
         variances = np.where(by_itself, squares / np.where(by_itself, expected, 1.0), pooled)
     return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, coloured) @ inverse_r.T)
 

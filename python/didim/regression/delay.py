@@ -296,14 +296,8 @@ class _Search:
             shift[away], lost = whole, lost | away
             if not step.size or (np.max(np.abs(step)) < SETTLED_SAMPLES and not away.any()):
                 break
-        self.misfit = float(
-            sum(
-                (rows.stop - rows.start) * math.log(max(float(norm), 1e-300))
-                for rows, norm in zip(
-                    self.system.joints, self.system.norms(residual / self.weights), strict=True
-                )
-            )
-        )
+        norms = self.system.norms(residual / self.weights)
+        self.misfit = float(self.system.counts @ np.log(np.maximum(norms, 1e-300)))
         blocks = [interval.rows for interval in intervals(self.system.blocks)]
         spread = Factors(q, q, inverse, residual).jackknife(blocks).covariance[b:, b:]
         covariance = np.diag(np.full(n, np.inf))

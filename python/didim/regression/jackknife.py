@@ -26,11 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array, quotient
-from .block import Block, by_window
-from .linear_system import LinearSystem
+from .block import Block, Rows, by_window
+from .linear_system import LinearSystem, unit_columns
 from .settings import BLOCKS
-
-Rows = NDArray[np.intp]
 
 FEWEST_ROWS = 3
 """Smallest number of rows per joint in a block: shorter blocks of correlated noise are not independent."""
@@ -128,7 +126,7 @@ def intervals(blocks: Sequence[Block], count: int = BLOCKS) -> list[Interval]:
     wanted = min(count, max(FEWEST_BLOCKS, sum(lengths) // FEWEST_ROWS))
     cut: list[Interval] = []
     for rows, length, number in zip(windows, lengths, _shares(lengths, seconds, wanted), strict=True):
-        index = [np.arange(block.rows.start, block.rows.stop, block.rows.step or 1) for block in rows]
+        index = [block.numbers for block in rows]
         edges = np.linspace(0, length, number + 1).round().astype(int)
         window = rows[0]
         cut += [
@@ -182,9 +180,8 @@ class Factors:
     @classmethod
     def of(cls, a: Array, residual: Array) -> Factors:
         """Return the factors of least squares with a weighted matrix and the weighted residual of its solution."""
-        size = np.linalg.norm(a, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        left, triangle = np.linalg.qr(a / size)
+        unit, size = unit_columns(a)
+        left, triangle = np.linalg.qr(unit)
         inverse = np.linalg.solve(triangle, np.eye(a.shape[1])) / size[:, None]
         return cls(left, left, inverse, residual)
 

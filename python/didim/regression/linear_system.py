@@ -217,6 +217,11 @@ class LinearSystem:
         """Rows of each joint."""
         return tuple(slice(blocks[0].rows.start, blocks[-1].rows.stop) for blocks in self.joint_blocks)
 
+    @property
+    def counts(self) -> NDArray[np.intp]:
+        """Number of rows of each joint, (n_dof,)."""
+        return np.array([rows.stop - rows.start for rows in self.joints], dtype=np.intp)
+
     @cached_property
     def joint_columns(self) -> tuple[NDArray[np.intp], ...]:
         """Columns with nonzero entries in the rows of each joint: those of its subtree, drives and logs."""
@@ -265,7 +270,7 @@ class LinearSystem:
     def part(self, blocks: Sequence[Block]) -> LinearSystem:
         """Return the system of some of the blocks, such as all windows but one, with renumbered rows."""
         blocks = [block for joint in by_joint(blocks) for block in joint]
-        rows = np.concatenate([np.arange(block.rows.start, block.rows.stop) for block in blocks])
+        rows = np.concatenate([block.numbers for block in blocks])
         ends = np.cumsum([0, *(block.n_rows for block in blocks)]).tolist()
         return replace(
             self,

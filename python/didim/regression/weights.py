@@ -16,9 +16,8 @@ SMALLEST_RELATIVE_RESIDUAL = 1e-9
 
 def joint_sigma(system: LinearSystem, residual: Array) -> Array:
     """Root mean square of each joint's residuals, never zero; shape (n_dof,)."""
-    counts = np.array([joint.stop - joint.start for joint in system.joints])
-    sigma = system.norms(residual) / np.sqrt(counts)
-    torque = system.norms(system.measured) / np.sqrt(counts)
+    sigma = system.norms(residual) / np.sqrt(system.counts)
+    torque = system.norms(system.measured) / np.sqrt(system.counts)
     # A joint without torque gets the size of the largest.
     floor = SMALLEST_RELATIVE_RESIDUAL * np.where(torque > 0.0, torque, torque.max(initial=0.0))
     sigma = np.maximum(sigma, floor)
@@ -27,7 +26,4 @@ def joint_sigma(system: LinearSystem, residual: Array) -> Array:
 
 def per_row(system: LinearSystem, per_joint: Sequence[float] | Array) -> Array:
     """Value of each row's joint, shape (r,)."""
-    rows = np.empty(system.y.size)
-    for joint, value in zip(system.joints, per_joint, strict=True):
-        rows[joint] = value
-    return rows
+    return np.repeat(np.asarray(per_joint, dtype=np.float64), system.counts)

@@ -23,7 +23,7 @@ from ...errors import FitError, RankError
 from ..covariance import decimated, white
 from ..fit import Fit, Progress
 from ..jackknife import Factors
-from ..linear_system import LinearSystem, check_solvable
+from ..linear_system import LinearSystem, check_solvable, unit_columns
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 
@@ -77,17 +77,13 @@ def instrumented(a: Array, z: Array, y: Array, weights: Array) -> Instrumented |
     ``test_instrumental.py`` compares with the normal equations, and with least squares for Z = W.
     """
     # One matrix at a time, because they dominate the memory of a study's worker.
-    scaled = z * weights[:, None]
-    sizes = np.linalg.norm(scaled, axis=0)
-    scaled /= np.where(sizes > 0.0, sizes, 1.0)
-    left, triangle = np.linalg.qr(scaled)
-    del scaled
+    left, triangle = np.linalg.qr(unit_columns(z * weights[:, None])[0])
     if np.abs(np.diag(triangle)).min() < DEPENDENT_INSTRUMENT:
         return None
     a = a * weights[:, None]
-    size = np.linalg.norm(a, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    gram = left.T @ (a / size)
+    unit, size = unit_columns(a)
+    gram = left.T @ unit
+    del unit
     if np.linalg.cond(gram) * np.finfo(np.float64).eps > DEPENDENT_INSTRUMENT:
         return None
     inverse = np.linalg.inv(gram) / size[:, None]

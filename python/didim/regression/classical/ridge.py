@@ -12,11 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
-
-Rows = NDArray[np.intp]
+from ..block import Rows
+from ..linear_system import unit_columns
 
 STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.01, 0.5))
 """Ridge strengths that are compared, as shares of a column's squared norm."""
@@ -43,9 +42,9 @@ def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Ar
     -----
     ``test_robust.py`` compares with the normal equations.
     """
-    size = _sizes(a)
+    unit, size = unit_columns(a)
     known = np.zeros(a.shape[1]) if prior is None else prior
-    rows = np.vstack([a / size, np.sqrt(strength) * np.eye(a.shape[1])])
+    rows = np.vstack([unit, np.sqrt(strength) * np.eye(a.shape[1])])
     target = np.concatenate([y - a @ known, np.zeros(a.shape[1])])
     return np.asarray(known + np.linalg.lstsq(rows, target, rcond=None)[0] / size)
 
@@ -67,7 +66,7 @@ def chosen_strength(a: Array, y: Array, blocks: Sequence[Rows]) -> tuple[float, 
     errors : ndarray, shape (n_strengths,)
         Root mean square of the weighted errors of prediction, per strength.
     """
-    rows = a / _sizes(a)
+    rows, _ = unit_columns(a)
     parts = [(rows[index], y[index]) for index in blocks]
     grams = np.stack([part.T @ part for part, _ in parts])
     sides = np.stack([part.T @ value for part, value in parts])
@@ -82,8 +81,3 @@ def chosen_strength(a: Array, y: Array, blocks: Sequence[Rows]) -> tuple[float, 
         )
         errors.append(np.sqrt(squares / y.size))
     return float(STRENGTHS[int(np.argmin(errors))]), np.array(errors)
-
-
-def _sizes(a: Array) -> Array:
-    size = np.linalg.norm(a, axis=0)
-    return np.where(size > 0.0, size, 1.0)

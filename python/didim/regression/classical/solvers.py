@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
 from ...errors import FitError
-from ..covariance import covariance, white
+from ..covariance import covariance
 from ..fit import Fit, Progress
 from ..jackknife import Factors, intervals
 from ..least_squares import solve
@@ -55,11 +54,16 @@ class Robust:
         )
         weights = per_row(system, 1.0 / solution.scale) * np.sqrt(solution.weights)
         residual = system.y - system.w @ solution.solution
-        fit = with_weights(system, settings, first, solution.solution, weights)
+        factors = Factors.of(system.w * weights[:, None], residual * weights)
         low = float(np.mean(solution.weights < 0.5))
         return replace(
-            fit,
+            first,
+            solution=solution.solution,
+            # That of least squares with known weights of the rows.
+            covariance=covariance(system, settings, weights, residual, factors.inverse),
             residual=residual,
+            weights=weights,
+            factors=factors,
             converged=solution.converged,
             record={"loss": self.loss, "iterations": solution.iterations, "rows_below_half_weight": low},
         )
@@ -124,19 +128,3 @@ class Ridge:
             factors=Factors(q, q, inverse, residual * first.weights),
             record={"strength": strength},
         )
-
-
-def with_weights(
-    system: LinearSystem, settings: LeastSquaresSettings, first: Fit, solution: Array, weights: Array
-) -> Fit:
-    """Return a fit whose covariance is that of least squares with known weights of the rows."""
-    residual = system.y - system.w @ solution
-    factors = Factors.of(system.w * weights[:, None], residual * weights)
-    if settings.uncertainty == "white":
-        variance = float(np.sum((residual * weights) ** 2)) / settings.divisor(*system.w.shape)
-        spread = white(variance, factors.inverse)
-    else:
-        spread = covariance(system, settings, weights, residual, factors.inverse)
-    return replace(
-        first, solution=solution, covariance=spread, residual=residual, weights=weights, factors=factors
-    )

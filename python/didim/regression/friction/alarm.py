@@ -38,8 +38,9 @@ from ..._tools.saved import UNBOUNDED
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
+from ..block import Rows
 from ..fit import Fit
-from ..jackknife import Rows, intervals
+from ..jackknife import intervals
 from ..linear_system import LinearSystem, unit_columns
 from .flips import joint_test
 from .sampling import slow_errors

@@ -27,8 +27,8 @@ from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
 from .candidates import joints_without_memory, narrowest_memory, pool_of
-from .screen import Folds, Move, Screen, clear, law_at
-from .velocity import SettledFriction, VelocityEstimate, other_curve, settled
+from .screen import Folds, Screen, clear, law_at
+from .velocity import Chosen, SettledFriction, Solve, VelocityEstimate, other_curve, settled
 
 LARGEST_MISFIT = 0.3
 """Relative error of held-out blocks above which no terms are chosen: it is more than friction."""
@@ -93,8 +93,8 @@ def choose_terms(
     robot: Robot,
     parts: Sequence[Segment],
     signal: SignalProcessing,
-    chosen: tuple[dict[str, float], tuple[str, ...]],
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
+    chosen: Chosen,
+    solve: Solve,
     resolved: Array | None = None,
 ) -> FrictionChoice:
     """Choose the friction terms that lower the error on held-out blocks.
@@ -118,14 +118,13 @@ def choose_terms(
         As `linear_system` and the solver.
     """
     own = tuple(term for term in robot.friction.terms if term.law != "load")
-    plain = replace(robot, friction=replace(robot.friction, terms=own))
-    start = settled(plain, parts, signal, chosen, solve)
+    start = settled(robot.with_terms(own), parts, signal, chosen, solve)
     plain = start.robot
     folds = Folds(start.system)
     before, refused = _judged(start.system, folds, *solve(start.system))
     if refused:
         return FrictionChoice(
-            friction=replace(plain.friction, auto=False),
+            friction=plain.friction,
             velocities=start.velocities,
             held_out_before=before,
             held_out_after=before,
@@ -133,12 +132,9 @@ def choose_terms(
         )
 
     def settle(terms: Sequence[FrictionTerm]) -> SettledFriction:
-        friction = replace(plain.friction, terms=(*own, *terms))
-        return settled(replace(plain, friction=friction), parts, signal, chosen, solve, search=False)
+        return settled(plain.with_terms((*own, *terms)), parts, signal, chosen, solve, search=False)
 
     trial = start
-    moves: list[Move] = []
-    terms: list[FrictionTerm] = []
     narrowest = narrowest_memory(parts, resolved)
     # The second choice has the weights and loads of the first.
     for last in (False, True):
@@ -148,13 +144,12 @@ def choose_terms(
         # Those of the grid serve its weights and loads; velocities are refined once.
         terms = [move.term if last else replace(move.term, estimated=False) for move in moves]
         trial = settle(terms)
-    compared = _compared(settle, trial, terms, folds, solve)
-    trial = compared.settled
-    moves = [replace(move, term=term) for move, term in zip(moves, compared.terms, strict=True)]
+    terms, trial, rivals = _compared(settle, trial, terms, folds, solve)
+    moves = [replace(move, term=term) for move, term in zip(moves, terms, strict=True)]
     recurring = screen.recurring()
     doubtful = {move.term.parameter for move in moves if not move.clear or law_at(move.term) not in recurring}
     chosen_terms = tuple(
-        replace(term, doubtful=term.parameter in doubtful, rival=compared.rivals.get(term.parameter, 0.0))
+        replace(term, doubtful=term.parameter in doubtful, rival=rivals.get(term.parameter, 0.0))
         for term in _without_driving(trial.robot, trial.beta)
     )
     added = {term.parameter for term in chosen_terms}
@@ -184,46 +179,34 @@ def _judged(system: LinearSystem, folds: Folds, beta: Array, weights: Array) -> 
     return error, "misfit" if error > LARGEST_MISFIT else ""
 
 
-@dataclass(frozen=True)
-class _Compared:
-    """Terms after a comparison of atan and Stribeck's law, their fit, and velocities of the other law by parameter."""
-
-    terms: list[FrictionTerm]
-    settled: SettledFriction
-    rivals: dict[str, float]
-
-
 def _compared(
     settle: Callable[[Sequence[FrictionTerm]], SettledFriction],
     trial: SettledFriction,
     terms: list[FrictionTerm],
     folds: Folds,
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
-) -> _Compared:
-    """Choose atan or Stribeck's law at each joint, with refined velocities; where both fit, the other is a rival."""
+    solve: Solve,
+) -> tuple[list[FrictionTerm], SettledFriction, dict[str, float]]:
+    """Choose atan or Stribeck's law at each joint, with refined velocities: return terms, their fit, and rivals' velocities.
+
+    Where both fit, the other law is a rival, by parameter.
+    """
     swapped = [other_curve(term) if term.estimated else term for term in terms]
     if swapped == terms:
-        return _Compared(terms, trial, {})
+        return terms, trial, {}
     other = settle(swapped)
     own, others = (
-        folds.squares(one.system, one.system.y - one.system.w @ solve(one.system)[0])
-        for one in (trial, other)
+        folds.squares(one.system, one.system.residual(solve(one.system)[0])) for one in (trial, other)
     )
     change = own - others
     better, certain = change.sum(axis=0) > 0.0, clear(change)
-    velocity = {
-        term.parameter: term.velocity
-        for fit in (trial, other)
-        for term in fit.robot.friction.terms
-        if term.law in ("atan", "stribeck")
-    }
+    velocity = {term.parameter: term.velocity for fit in (trial, other) for term in fit.robot.friction.terms}
     chosen = [two if better[one.joint] else one for one, two in zip(terms, swapped, strict=True)]
     rivals = {
         one.parameter: velocity[two.parameter]
         for one in chosen
         if one.estimated and not certain[one.joint] and (two := other_curve(one)) != one
     }
-    return _Compared(chosen, settle(chosen) if better.any() else trial, rivals)
+    return chosen, settle(chosen) if better.any() else trial, rivals
 
 
 def _without_driving(robot: Robot, beta: Array) -> tuple[FrictionTerm, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -128,6 +128,10 @@ class _State:
     columns: list[int] = field(default_factory=list)
     holds: set[int] = field(default_factory=set)
 
+    def without(self, column: int) -> _State:
+        """Return the same model without a column."""
+        return replace(self, columns=[k for k in self.columns if k != column])
+
 
 @dataclass(frozen=True)
 class _Step:
@@ -155,16 +159,11 @@ class Screen:
         self.pool = list(pool)
         self.memory = True
         self.n = len(system.names)
-        self.coulomb = {
-            candidate.term.joint: system.names.index(f"Fc{candidate.term.joint + 1}")
-            for candidate in self.pool
-            if candidate.term.law == "hold"
-        }
         self.held_coulomb = {
-            candidate.term.joint: self.n + k
-            for k, candidate in enumerate(self.pool)
-            if candidate.term.law == "hold"
+            one.term.joint: self.n + k for k, one in enumerate(self.pool) if one.term.law == "hold"
         }
+        self.coulomb = {joint: system.names.index(f"Fc{joint + 1}") for joint in self.held_coulomb}
+        self.springs = [self.n + k for k, one in enumerate(self.pool) if one.term.law == "spring"]
         folds = Folds(system)
         blocks, near = folds.blocks, folds.near
         parts = [[part] for part in blocks] + [[part] for part in near] + folds.recordings
@@ -202,9 +201,10 @@ class Screen:
             self._worth(self.pool[self.held_coulomb[joint] - self.n].term, self._toggled(state, joint), state)
             for joint in sorted(state.holds)
         ]
-        for index in state.columns:
-            rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
-            moves.append(self._worth(self.pool[index - self.n].term, rest, state))
+        moves += [
+            self._worth(self.pool[index - self.n].term, state.without(index), state)
+            for index in state.columns
+        ]
         return sorted(moves, key=lambda move: -move.gain)
 
     def recurring(self) -> set[tuple[int, str]]:
@@ -298,21 +298,13 @@ class Screen:
             for k, index in enumerate([None, *places])
             if (joint is not None or index is not None)
             and self._supported(changes[:, k], before)
-            and not (self._is_spring(index) and changes[:, k].sum() <= SPRING_GAIN * before.sum())
+            and not (index in self.springs and changes[:, k].sum() <= SPRING_GAIN * before.sum())
         ]
-
-    def _is_spring(self, index: int | None) -> bool:
-        """Whether a column is that of a spring."""
-        return index is not None and self.pool[index - self.n].term.law == "spring"
 
     @staticmethod
     def _supported(change: Array, before: Array) -> bool:
         """Whether a change of the blocks' errors exceeds its standard error, and is worth a parameter."""
-        total = float(change.sum())
-        return bool(
-            total > LEAST_SIGNIFICANCE * float(change.std(ddof=1) * np.sqrt(change.size))
-            and total > SMALLEST_GAIN * before.sum()
-        )
+        return bool(significance(change) > LEAST_SIGNIFICANCE and change.sum() > SMALLEST_GAIN * before.sum())
 
     def _keeps_recordings(self, state: _State, step: _Step) -> bool:
         """Whether no recording is predicted worse from the others with a step than without it."""
@@ -337,7 +329,7 @@ class Screen:
             last = (list(state.columns), set(state.holds))
             for index in last[0]:
                 candidate = self.pool[index - self.n].term
-                rest = _State(state.base, [k for k in state.columns if k != index], state.holds)
+                rest = state.without(index)
                 family = [
                     self.n + k
                     for k, other in enumerate(self.pool)
@@ -347,7 +339,7 @@ class Screen:
                 base, drops = self._drops(rest, family)
                 best = int(np.argmax(drops.sum(axis=0)))
                 supported = [family[best]] if self._supported(drops[:, best], base) else []
-                state = _State(rest.base, [*rest.columns, *supported], rest.holds)
+                state = replace(rest, columns=[*rest.columns, *supported])
             for joint in sorted(last[1]):
                 other = self._toggled(state, joint)
                 without, with_it = self._errors(other), self._errors(state)
@@ -379,9 +371,7 @@ def _solved(fold: _Fold, current: Sequence[int], right: Array) -> Array:
 
 def _error(fold: _Fold, current: Sequence[int]) -> float:
     """Return the squared error of the held-out rows."""
-    beta = _solved(fold, current, fold.fitted[current, -1])
-    held = fold.held
-    return float(held[-1, -1] - 2.0 * beta @ held[current, -1] + beta @ held[np.ix_(current, current)] @ beta)
+    return _drop(fold, current, [])[0]
 
 
 def _drop(fold: _Fold, current: Sequence[int], places: Sequence[int]) -> tuple[float, Array, Array]:

@@ -25,6 +25,15 @@ from ...signal.segments import Segment, at_place
 from ..linear_system import LinearSystem, linear_system
 from ..selection import Selection, select
 
+Solve = Callable[[LinearSystem], tuple[Array, Array]]
+"""Solution of a system: the estimate, (b,), and the weights of the rows, (r,)."""
+
+Chosen = tuple[dict[str, float], tuple[str, ...]]
+"""Fixed parameters with their values, and dropped ones."""
+
+Shape = Callable[[Robot, FrictionTerm, Array, Segment], Array]
+"""Columns of a law at velocities or widths (k,), along a segment: (n_samples, k)."""
+
 RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
 """Velocities covered by the search (rad/s, m/s): below them a law is Coulomb friction, above them viscous friction."""
 WIDTHS = {"revolute": (1e-4, 0.05), "prismatic": (1e-5, 0.005)}
@@ -112,8 +121,8 @@ def settled(
     robot: Robot,
     parts: Sequence[Segment],
     signal: SignalProcessing,
-    chosen: tuple[dict[str, float], tuple[str, ...]],
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
+    chosen: Chosen,
+    solve: Solve,
     *,
     search: bool = True,
 ) -> SettledFriction:
@@ -144,9 +153,8 @@ def settled(
         As `linear_system` and the solver.
     """
     estimates: tuple[VelocityEstimate, ...] = ()
-    beta: Array | None = None
-    if robot.friction.has_load:
-        beta = _without_load(robot, parts, signal, chosen, solve)
+    # Without load friction the system does not depend on the estimate.
+    beta = _without_load(robot, parts, signal, chosen, solve) if robot.friction.has_load else None
     passes = 0
     while True:
         selection = select(robot, *chosen)
@@ -157,23 +165,16 @@ def settled(
             system = linear_system(robot, parts, signal, selection, beta)
         solution, _ = solve(system)
         estimate = selection.expand(solution)
-        if not robot.friction.has_load:
-            return SettledFriction(
-                robot=robot, selection=selection, beta=estimate, system=system, velocities=estimates
-            )
+        if beta is None:
+            break
         passes += 1
-        change = np.linalg.norm(estimate - beta) if beta is not None else np.inf
-        beta = estimate
+        change, beta = np.linalg.norm(estimate - beta), estimate
         if change <= SETTLED_VELOCITY * np.linalg.norm(estimate) or passes == LOAD_PASSES:
             system = linear_system(robot, parts, signal, selection, beta)
-            return SettledFriction(
-                robot=robot,
-                selection=selection,
-                beta=beta,
-                system=system,
-                velocities=estimates,
-                passes=passes,
-            )
+            break
+    return SettledFriction(
+        robot=robot, selection=selection, beta=estimate, system=system, velocities=estimates, passes=passes
+    )
 
 
 def with_slopes(
@@ -195,7 +196,7 @@ def with_slopes(
     terms = [term for term in robot.friction.terms if term.parameter in system.names]
     rivals = [(term.parameter, other_curve(term)) for term in terms if term.rival]
 
-    def column(term: FrictionTerm, shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
+    def column(term: FrictionTerm, shape: Shape) -> Array:
         return _columns(robot, term, np.array([term.velocity]), parts, signal, system, shape)[:, 0]
 
     return replace(
@@ -220,8 +221,8 @@ def _without_load(
     robot: Robot,
     parts: Sequence[Segment],
     signal: SignalProcessing,
-    chosen: tuple[dict[str, float], tuple[str, ...]],
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
+    chosen: Chosen,
+    solve: Solve,
 ) -> Array:
     """Return the base parameters of a first fit that leaves load friction out."""
     fixed, dropped = chosen
@@ -237,7 +238,7 @@ def _estimate_velocities(
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
+    solve: Solve,
     search: bool,
 ) -> tuple[Robot, tuple[VelocityEstimate, ...]]:
     """Return the robot with the velocities that fit best, and how well the log identifies each."""
@@ -269,21 +270,18 @@ def _estimate_velocities(
         )
         for term, v, s, good in zip(terms, velocities, std, inner, strict=True)
     )
-    pairs = iter(zip(velocities, inner, strict=True))
+    found = iter(estimates)
     known: list[FrictionTerm] = []
     for term in robot.friction.terms:
-        if not term.estimated:
-            known.append(term)
-            continue
-        velocity, good = next(pairs)
-        if good or term.law != "atan" or not search:
-            good = bool(good)
-            known.append(
-                replace(term, velocity=float(velocity), estimated=False, fitted=good, refused=not good)
-            )
-        else:
-            known.append(FrictionTerm(law="root", joint=term.joint, refused=True))
-    return replace(robot, friction=replace(robot.friction, terms=tuple(known))), estimates
+        if term.estimated:
+            own = next(found)
+            good = own.identified
+            if good or term.law != "atan" or not search:
+                term = replace(term, velocity=own.velocity, estimated=False, fitted=good, refused=not good)
+            else:
+                term = FrictionTerm(law="root", joint=term.joint, refused=True)
+        known.append(term)
+    return robot.with_terms(known), estimates
 
 
 def slowest_law(robot: Robot, joint: int) -> float:
@@ -334,7 +332,7 @@ def _columns(
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    shape: Callable[[Robot, FrictionTerm, Array, Segment], Array] = _law,
+    shape: Shape = _law,
 ) -> Array:
     """Return columns of W of a law at velocities or widths (k,), (r, k): decimated, zero in the rows of the other joints."""
     columns = np.zeros((system.y.size, velocities.size))
@@ -376,7 +374,7 @@ def _refined(
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    solve: Callable[[LinearSystem], tuple[Array, Array]],
+    solve: Solve,
 ) -> tuple[Array, Array]:
     """Gauss-Newton steps on the velocities that the grid found inside the range; those and their standard deviations.
 
@@ -392,7 +390,7 @@ def _refined(
     own = [system.names.index(terms[k].parameter) for k in moving]
     low, high = np.array([_range(robot, terms[k]) for k in moving]).T
 
-    def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
+    def columns(shape: Shape) -> Array:
         columns = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]
         return np.hstack(columns)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.parameters import friction_names
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +105,7 @@ class Currents:
     @property
     def scale(self) -> Array:
         """Size of each column, (q,), for conditioning."""
-        size = np.linalg.norm(self.columns, axis=0)
-        scale: Array = np.where(size > 0.0, size, 1.0)
-        return scale
+        return unit_columns(self.columns)[1]
 
     def spread(self, errors: Array) -> Array:
         """Root mean square of the errors of each motor, (n,), never zero."""

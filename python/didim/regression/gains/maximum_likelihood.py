@@ -17,7 +17,7 @@ from ..._tools.words import joints_text, series
 from ...errors import FitError, RankError
 from ..covariance import covariance
 from ..fit import Fit
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 from ..settings import LeastSquaresSettings
 from .currents import Currents
 
@@ -178,10 +178,7 @@ def _jacobian(currents: Currents, gains: Array, theta: Array, weights: Array) ->
     own = gains[currents.motor]
     torque = currents.columns @ theta + currents.known
     jacobian = np.hstack([currents.columns / own[:, None], currents.motors * (-torque / own)[:, None]])
-    jacobian *= weights[:, None]
-    size = np.linalg.norm(jacobian, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    return jacobian / size, size
+    return unit_columns(jacobian * weights[:, None])
 
 
 def _result(

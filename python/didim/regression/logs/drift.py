@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...robot.friction import NAMES
@@ -107,24 +108,27 @@ def differences(
     scores = np.array([projected[rows].T @ residual[rows] for rows in parts])
     m = len(parts)
     covariance = m / (m - 1) * inverse @ (scores.T @ scores) @ inverse
-    torques = [estimate * column for estimate, column in zip(estimates, columns.T, strict=True)]
+    torques = columns * estimates
     if kind == "friction":
         first = fit.solution - factors.inverse @ (factors.left.T @ (weighted @ estimates))
-        levels = _levels(system, first, columns, places)
+        keys = list(dict.fromkeys((joint, number) for _, joint, number in places))
+        changed = np.array([[place[1:] == key for place in places] for key in keys])
+        levels = _levels(system, first, columns, changed)
         estimates = np.concatenate([estimates, levels @ estimates])
         both = np.vstack([np.eye(len(places)), levels])
         covariance = both @ covariance @ both.T
-        places, torques = _with_levels(places, torques)
+        torques = np.hstack([torques, torques @ changed.T])
+        places += [(f"friction{joint + 1}", joint, number) for joint, number in keys]
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
 
     tail = 1.0 - 0.5 * FALSE_DRIFTS / len(places)
     # A difference only has the blocks of its two logs.
     limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
-    sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
+    sizes = system.norms(fit.residual) / np.sqrt(system.counts)
     compared = []
     for index, (name, joint, number) in enumerate(places):
-        own = torques[index][np.flatnonzero(torques[index])]
+        own = torques[torques[:, index] != 0.0, index]
         torque = float(np.sqrt(np.mean(own**2))) if own.size else 0.0
         value = float(estimates[index])
         clear = bool(
@@ -135,9 +139,7 @@ def differences(
     return compared
 
 
-def _levels(
-    system: LinearSystem, first: Array, columns: Array, places: Sequence[tuple[str, int, int]]
-) -> Array:
+def _levels(system: LinearSystem, first: Array, columns: Array, changed: NDArray[np.bool_]) -> Array:
     """Return the relative change of a joint's friction along a log by each difference, (n_levels, n_differences).
 
     `first` are the parameters of the first log, (b,).
@@ -151,36 +153,11 @@ def _levels(
         ]
         friction[rows] = system.w[rows][:, own] @ first[own]
     levels = []
-    for key in _joints_of(places):
-        changed = np.array([key_of_rows[1:] == key for key_of_rows in places])
-        torque = np.where(columns[:, changed].any(axis=1), friction, 0.0)
+    for moved in changed:
+        torque = np.where(columns[:, moved].any(axis=1), friction, 0.0)
         share = torque @ columns / max(float(torque @ torque), np.finfo(float).tiny)
-        levels.append(np.where(changed, share, 0.0))
+        levels.append(np.where(moved, share, 0.0))
     return np.array(levels)
-
-
-def _with_levels(
-    places: list[tuple[str, int, int]], torques: list[Array]
-) -> tuple[list[tuple[str, int, int]], list[Array]]:
-    """Append name, joint, recording and torque of each level."""
-    keys = _joints_of(places)
-    sums = [
-        np.sum(
-            [
-                torque
-                for torque, key_of_torque in zip(torques, places, strict=True)
-                if key_of_torque[1:] == key
-            ],
-            axis=0,
-        )
-        for key in keys
-    ]
-    return [*places, *((f"friction{joint + 1}", joint, number) for joint, number in keys)], [*torques, *sums]
-
-
-def _joints_of(places: Sequence[tuple[str, int, int]]) -> list[tuple[int, int]]:
-    """Return joint and recording of each level."""
-    return list(dict.fromkeys((joint, number) for _, joint, number in places))
 
 
 def _columns(

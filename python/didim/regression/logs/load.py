@@ -20,10 +20,12 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...robot.payload import ends, link_columns
 from ...robot.robot import Robot
+from ..block import Rows
 from ..fit import Fit
 from ..jackknife import intervals
-from ..linear_system import LinearSystem
+from ..linear_system import LinearSystem, unit_columns
 from ..settings import BLOCKS
+from ..weights import per_row
 from .drift import DEPENDENT_EIGENVALUE, FEWEST
 
 FALSE_LOADS = 1e-4
@@ -83,7 +85,7 @@ def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20)
     left = np.linalg.qr(weighted)[0]
     bodies = _last_bodies(system, robot)
     for number in numbers[1:]:
-        own = _rows(system, number)
+        own = np.concatenate([block.numbers for block in system.blocks if block.recording == number])
         columns = np.zeros((system.y.size, 10))
         by_link = []
         for link, body in bodies:
@@ -111,9 +113,7 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
     """
     residual = system.y - system.w @ beta
     sizes = np.maximum(system.norms(residual), np.finfo(float).tiny)
-    weights = np.zeros(system.y.size)
-    for rows, size in zip(system.joints, sizes, strict=True):
-        weights[rows] = 1.0 / size
+    weights = per_row(system, 1.0 / sizes)
     free = [k for k, name in enumerate(system.names) if name.startswith(("F", "Off"))]
     weighted = system.w * weights[:, None]
     left = np.linalg.qr(weighted[:, free])[0] if free else np.zeros((system.y.size, 0))
@@ -144,30 +144,21 @@ def _clearest(loads: Sequence[Load | None]) -> Load | None:
     return max(filter(None, loads), key=lambda load: load.explained, default=None)
 
 
-def _rows(system: LinearSystem, number: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    every = np.arange(system.y.size)
-    return np.concatenate([every[block.rows] for block in system.blocks if block.recording == number])
-
-
 def _load(
     system: LinearSystem,
     columns: Array,
     left: Array,
     residual: Array,
-    own: np.ndarray[tuple[int], np.dtype[np.intp]],
+    own: Rows,
     blocks: int,
     link: str,
 ) -> Load | None:
     from scipy.special import fdtrc  # not scipy.stats, which takes half a second to load
 
-    parts: Sequence[np.ndarray[tuple[int], np.dtype[np.intp]]] = [
-        part.rows for part in intervals(system.blocks, blocks)
-    ]
+    parts = [part.rows for part in intervals(system.blocks, blocks)]
     m = len(parts)
     rest = residual - left @ (left.T @ residual)
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = 1.0
-    beside = columns / scale
+    beside, scale = unit_columns(columns)
     beside -= left @ (left.T @ beside)
     values, vectors = np.linalg.eigh(beside.T @ beside)
     good = values > max(DEPENDENT_EIGENVALUE, 1e-6) * values[-1]
