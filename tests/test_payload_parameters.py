@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import didim
 from didim.errors import ExperimentError
-from didim.robot.payload import Payload, ends, last_link, moved, payload_columns, read_flange
-from didim.robot.rigid_body import body_pseudo_inertia, inverse, pose, rotation_of, ten_parameters
+from didim.robot.payload import Payload, ends, last_link, payload_columns, read_flange
+from didim.robot.rigid_body import body_pseudo_inertia, inverse, moved, pose, rotation_of, ten_parameters
 from tables import experiment_table
 from test_trees import legs
 from urdfs import made

@@ -18,7 +18,8 @@ from ..loop.controller import Controller
 from ..loop.reference import Reference
 from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings
-from ..robot.payload import Payload, Pose
+from ..robot.correspondence import Pose
+from ..robot.payload import Payload
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
 from ..signal.align import DelaySettings

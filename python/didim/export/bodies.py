@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array
 from .._tools.words import series
 from ..errors import FitError
+from ..model.consistency import pseudo_inertias
 from ..model.dynamics import standard_vector
 from ..robot.friction import FrictionTerm
-from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia, why_no_body
+from ..robot.rigid_body import inverse, why_no_body
 from ..robot.robot import JointLimits, Robot
 from ..robot.transmission import Follower
 
@@ -173,7 +174,9 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     ShapeError
         When `x` has another length, or a NaN.
     """
-    values = dict(zip(robot.parameter_names, standard_vector(robot, x).tolist(), strict=True))
+    vector = standard_vector(robot, x)
+    values = dict(zip(robot.parameter_names, vector.tolist(), strict=True))
+    pseudos = pseudo_inertias(robot, vector)
     places = robot.correspondence
     n = robot.n_joints
     links = [link.link for link in places.links] if places else [f"link{j + 1}" for j in range(n)]
@@ -185,8 +188,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     for j, parent in enumerate(geometry.parents):
         before, step = base if parent is None else offsets[parent], geometry.placement(j)
         inside = inverse(offsets[j])
-        ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
-        pseudo = inside @ pseudo_inertia(ten) @ inside.T
+        pseudo = inside @ pseudos[j] @ inside.T
         _check_body(links[j], pseudo)
         viscous, coulomb, left = joint_friction(values, j, robot.friction.terms, geometry.kinds[j])
         missed.append(left)

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
-from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia
+from ..model.consistency import pseudo_inertias
+from ..robot.rigid_body import inverse
 from ..robot.robot import Robot
 from ..robot.urdf.reading import URDF_SET
 from .bodies import export_model
@@ -78,10 +78,6 @@ def _of_description(robot: Robot) -> list[Array | None]:
     places = robot.correspondence
     if places is None or URDF_SET not in robot.sets:
         return [None] * robot.n_dof
-    values = dict(zip(robot.parameter_names, robot.sets[URDF_SET], strict=True))
-    bodies: list[Array | None] = []
-    for j, link in enumerate(places.links):
-        inside = inverse(link.matrix)
-        ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
-        bodies.append(inside @ pseudo_inertia(ten) @ inside.T)
-    return bodies
+    pseudos = pseudo_inertias(robot, robot.sets[URDF_SET])
+    backs = [inverse(link.matrix) for link in places.links]
+    return [back @ pseudo @ back.T for back, pseudo in zip(backs, pseudos, strict=True)]

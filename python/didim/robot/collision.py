@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.toml import Table
+from .placement import carriers
 
 NEIGHBOURS = 1
 """Largest distance along the chain of two links whose capsules touch at their common joint and are not checked against each
@@ -67,7 +68,7 @@ def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) ->
 
     Links are neighbours by the joints between them: the thighs of two legs on one trunk have two.
     """
-    ways = [_carriers(parents, capsule.link) for capsule in capsules]
+    ways = [set(carriers(parents, capsule.link - 1) if capsule.link else ()) for capsule in capsules]
     pairs = [
         (i, j)
         for i, one in enumerate(capsules)
@@ -75,13 +76,3 @@ def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) ->
         if one.link != other.link and len(ways[i] ^ ways[j]) > NEIGHBOURS
     ]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-
-def _carriers(parents: Sequence[int | None], link: int) -> set[int]:
-    """Return the links from the base to a link, which is included, numbered from 1; 0, the base, is left out."""
-    links: set[int] = set()
-    while link:
-        links.add(link)
-        parent = parents[link - 1]
-        link = 0 if parent is None else parent + 1
-    return links

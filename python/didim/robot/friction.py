@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -248,13 +248,19 @@ class Friction:
         An identification chooses the further terms (``terms = "auto"``).
     """
 
-    model: str
-    coulomb: str
-    coupling: str
+    model: str = "symmetric"
+    coulomb: str = "sign"
+    coupling: str = "shaft"
     smoothing: tuple[float, ...]
     dead_zone: tuple[float, ...]
     terms: tuple[FrictionTerm, ...] = ()
     auto: bool = False
+
+    @classmethod
+    def plain(cls, n_dof: int, terms: Iterable[FrictionTerm] = ()) -> Friction:
+        """Return symmetric Coulomb friction without smoothing, with further terms."""
+        nothing = (0.0,) * n_dof
+        return cls(smoothing=nothing, dead_zone=nothing, terms=tuple(terms))
 
     @property
     def has_memory(self) -> bool:
@@ -299,10 +305,7 @@ class Friction:
 
 def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) -> Friction:
     """Read ``[friction]``; missing keys take the value of `default`, or symmetric Coulomb friction without smoothing."""
-    nothing = (0.0,) * len(kinds)
-    default = default or Friction(
-        model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing
-    )
+    default = default or Friction.plain(len(kinds))
     friction = Friction(
         model=table.text("model", default.model),
         coulomb=table.text("coulomb", default.coulomb),
@@ -387,7 +390,7 @@ def _own_laws(
         numbers = {
             (key, kind): part.number(f"{key}_{unit}", None)
             for key in ("fastest", "first", "step")
-            for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic"))
+            for unit, kind in scale_units(key)
         }
         for joint in range(len(kinds)) if joints is None else joints:
             speeds = [numbers[key, kinds[joint]] for key in keys]

@@ -87,23 +87,28 @@ class BaseParameters(Pickled):
     unidentifiable: tuple[str, ...]
     matrix: Array
 
+    @property
+    def _title(self) -> str:
+        return f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters"
+
+    @property
+    def _rows(self) -> list[tuple[str, str, str]]:
+        return list(zip(self.names, self.units, self.groupings, strict=True))
+
+    @property
+    def _silent(self) -> str:
+        names = ", ".join(self.unidentifiable)
+        return f"Without effect on the torques: {names}" if names else ""
+
     def __str__(self) -> str:
-        lines = [f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters", ""]
-        lines += columned(list(zip(self.names, self.units, self.groupings, strict=True)), left=3)
-        if self.unidentifiable:
-            lines += ["", f"Without effect on the torques: {', '.join(self.unidentifiable)}"]
-        return "\n".join(lines)
+        silent = ["", self._silent] if self._silent else []
+        return "\n".join([self._title, "", *columned(self._rows, left=3), *silent])
 
     def __repr__(self) -> str:
         return f"<BaseParameters: {len(self.names)} of {self.matrix.shape[1]} standard parameters>"
 
     def _repr_html_(self) -> str:
-        rows = zip(self.names, self.units, self.groupings, strict=True)
-        silent = (
-            f"Without effect on the torques: {', '.join(self.unidentifiable)}" if self.unidentifiable else ""
-        )
-        title = f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters"
-        return page(title, [("name", "unit", "grouping"), *rows], silent)
+        return page(self._title, [("name", "unit", "grouping"), *self._rows], self._silent)
 
     def to_dataframe(self) -> Any:
         """Return names, units and groupings as a pandas ``DataFrame``, by name.

@@ -19,15 +19,8 @@ from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import did_you_mean, series
 from ..errors import ExperimentError
-from .rigid_body import (
-    INERTIAL,
-    body_pseudo_inertia,
-    pose,
-    pseudo_inertia,
-    rotation_of,
-    ten_parameters,
-    why_no_body,
-)
+from .correspondence import Pose, homogeneous, rows_of
+from .rigid_body import INERTIAL, body_pseudo_inertia, moved, pose, rotation_of, ten_parameters, why_no_body
 from .robot import Robot
 
 LARGEST = 1e9
@@ -149,9 +142,6 @@ def read_payload(table: Table, name: str) -> Payload:
     )
 
 
-Pose = tuple[tuple[float, ...], ...]
-
-
 def read_flange(table: Table) -> Pose:
     """Read the table ``[flange]``: its pose in the last link's frame; rows of a homogeneous matrix (3 x 4)."""
     origin = table.numbers("xyz_m", 3)
@@ -160,7 +150,7 @@ def read_flange(table: Table) -> Pose:
     degrees = table.numbers("rpy_deg", 3, None)
     angles = tuple(table.numbers("rpy_rad", 3) if degrees is None else map(math.radians, degrees))
     table.done()
-    return tuple(tuple(row) for row in pose(rotation_of(angles), origin)[:3].tolist())
+    return rows_of(pose(rotation_of(angles), origin))
 
 
 def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
@@ -174,7 +164,7 @@ def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
         Pose of the flange in that frame, from `read_flange`.
     """
     link = robot.own_frames[-1]
-    return link if flange is None else np.asarray(link @ np.vstack([np.array(flange), [0.0, 0.0, 0.0, 1.0]]))
+    return link if flange is None else np.asarray(link @ homogeneous(flange))
 
 
 def carrying_joint(robot: Robot, payload: Payload) -> int:
@@ -218,11 +208,6 @@ def frame_of_payloads(robot: Robot, flange: Pose | None = None, payload: Payload
     if robot.correspondence is not None:
         return f"link {robot.correspondence.links[joint].link}"
     return f"frame {joint + 1}" + ("" if robot.standard is None else " of the maker's table")
-
-
-def moved(ten: Array, frame: Array) -> Array:
-    """Return ten inertial parameters in another frame, where `frame`, (4, 4), is the pose of their present frame."""
-    return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)
 
 
 def payload_columns(robot: Robot, payload: Payload, flange: Pose | None = None) -> Array:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._tools.arrays import Array
-from .right_angles import RIGHT_ANGLE_ROUNDING, nearest_right_angle
+from .right_angles import without_rounding
 from .rigid_body import mdh_pose, pose
 
 ALONG = 1e-12
@@ -87,11 +87,11 @@ def as_row(placement: Array, parent: int | None) -> tuple[Mount, float, float]:
     rotation, (x, y, z) = placement[:3, :3], placement[:3, 3]
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     # For parallel axes only the sum or the difference of gamma and theta is defined.
-    gamma = _right(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > ALONG else 0.0
-    alpha = _right(math.atan2(sine, rotation[2, 2]))
+    gamma = without_rounding(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > ALONG else 0.0
+    alpha = without_rounding(math.atan2(sine, rotation[2, 2]))
     # For nearly parallel axes gamma is inaccurate; theta compensates for its error.
     rest = (mdh_pose(0.0, 0.0, gamma, 0.0) @ mdh_pose(alpha, 0.0, 0.0, 0.0))[:3, :3].T @ rotation
-    theta = _right(math.atan2(rest[1, 0], rest[0, 0]))
+    theta = without_rounding(math.atan2(rest[1, 0], rest[0, 0]))
     shift = (float(x) + 0.0, float(y) + 0.0, float(z) + 0.0)
     return Mount(parent=parent, gamma=gamma, shift=shift), alpha, theta
 
@@ -118,8 +118,3 @@ def frame_along(axis: Array) -> Array:
             ]
         )
     )
-
-
-def _right(angle: float) -> float:
-    right = nearest_right_angle(angle)
-    return right + 0.0 if abs(angle - right) <= RIGHT_ANGLE_ROUNDING else angle

@@ -30,6 +30,12 @@ def nearest_right_angle(angle: float) -> float:
     return round(angle / (0.5 * math.pi)) * 0.5 * math.pi
 
 
+def without_rounding(angle: float) -> float:
+    """Return an angle (rad), or the right angle that it is but for rounding."""
+    right = nearest_right_angle(angle)
+    return right + 0.0 if abs(angle - right) <= RIGHT_ANGLE_ROUNDING else angle
+
+
 class RightAngles:
     """Snaps the angles of a robot file, and records which.
 

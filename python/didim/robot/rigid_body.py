@@ -52,6 +52,11 @@ def turn(axis: Array, angle: float) -> Array:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
+def angle_of(rotation: Array) -> float:
+    """Return the angle (rad) of a rotation, 0 to pi; the inverse of `turn`."""
+    return math.acos(max(-1.0, min(1.0, 0.5 * (float(np.trace(rotation)) - 1.0))))
+
+
 def rotation_of(roll_pitch_yaw: Sequence[float]) -> Array:
     """Return the rotation of fixed-axis roll, pitch and yaw (rad): ``Rz(yaw) Ry(pitch) Rx(roll)``."""
     (cr, cp, cy), (sr, sp, sy) = (
@@ -132,6 +137,11 @@ def ten_parameters(pseudo: Array) -> Array:
     second = pseudo[:3, :3]
     inertia = np.trace(second) * np.eye(3) - second
     return np.array([*inertia[np.triu_indices(3)], *pseudo[:3, 3], pseudo[3, 3]])
+
+
+def moved(ten: Array, frame: Array) -> Array:
+    """Return ten inertial parameters in another frame, where `frame`, (4, 4), is the pose of their present frame."""
+    return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)
 
 
 def body_pseudo_inertia(mass: float, inertia: Array, frame: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,8 +25,9 @@ from .collision import Capsule
 from .correspondence import Correspondence, Origin
 from .friction import HOLD_WIDTH, OF_TEMPERATURE, Friction, FrictionTerm, read_friction, read_springs
 from .parameters import BaseParameters, Parameter, base_parameters
-from .placement import Mount, in_line, placed
-from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
+from .placement import Mount, carriers, in_line, placed
+from .rigid_body import inverse
+from .standard_dh import StandardTable, in_other_frames
 from .transmission import Actuator, Follower
 
 
@@ -47,6 +48,13 @@ class JointLimits:
     position: tuple[float, float] | None = None
     velocity: float | None = None
     effort: float | None = None
+
+
+LIMIT_KEYS = {
+    "revolute": ("position_rad", "velocity_rad_s", "torque_n_m"),
+    "prismatic": ("position_m", "velocity_m_s", "force_n"),
+}
+"""Keys of `JointLimits` in files, by the kind of the joint: position, velocity and effort."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,14 +95,7 @@ class Geometry:
     @property
     def outwards(self) -> tuple[int, ...]:
         """All joints, each after its antecedent."""
-        order: list[int] = []
-        waiting = [joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] is None]
-        while waiting:
-            order.append(waiting.pop())
-            waiting += [
-                joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] == order[-1]
-            ]
-        return tuple(order)
+        return tuple(sorted(range(len(self.kinds)), key=partial(carriers, self.parents)))
 
     @property
     def parents(self) -> tuple[int | None, ...]:
@@ -273,11 +274,12 @@ class Robot(Pickled):
         RobotError
             For another number of parameters.
         """
-        return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, to_frame)
+        back = [inverse(frame) for frame in self.own_frames]
+        return in_other_frames(self.parameter_names, self._checked(x), back)
 
     def from_own_frames(self, x: ArrayLike) -> Array:
         """Return standard parameters from those in the links' own frames."""
-        return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, from_frame)
+        return in_other_frames(self.parameter_names, self._checked(x), self.own_frames)
 
     def _checked(self, x: ArrayLike) -> Array:
         values = real_array("parameters", x, RobotError)
@@ -416,25 +418,23 @@ class Robot(Pickled):
 
     def with_terms(self, terms: Sequence[FrictionTerm]) -> Robot:
         """Return the robot with these further friction terms (``test_friction_terms.py``)."""
-        friction = replace(self.friction, terms=tuple(terms), auto=False)
-        return self if friction == self.friction else replace(self, friction=friction)
+        return self._with(replace(self.friction, terms=tuple(terms), auto=False))
 
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
         """Return the robot with ``tanh(dq / smoothing)`` friction, (n_dof,) (rad/s, m/s)."""
-        friction = replace(
-            self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
-        )
-        return replace(self, friction=friction)
+        zones = (0.0,) * self.n_dof
+        return self._with(replace(self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=zones))
 
     def with_friction_table(self, table: Table) -> Robot:
         """Return the same robot with the friction of a table; errors name its file."""
-        friction = read_friction(table, self.joint_kinds, self.friction)
-        # Cached properties of this robot, such as its base parameters, stay valid.
-        return self if friction == self.friction else replace(self, friction=friction)
+        return self._with(read_friction(table, self.joint_kinds, self.friction))
 
     def with_spring_table(self, table: Table) -> Robot:
         """Return the same robot with the springs of a table; errors name its file."""
-        friction = read_springs(table, self.joint_kinds, self.friction)
+        return self._with(read_springs(table, self.joint_kinds, self.friction))
+
+    def _with(self, friction: Friction) -> Robot:
+        # Cached properties of this robot, such as its base parameters, stay valid if nothing changes.
         return self if friction == self.friction else replace(self, friction=friction)
 
 

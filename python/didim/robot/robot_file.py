@@ -24,7 +24,7 @@ from .friction import read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
 from .right_angles import SNAP, RightAngles
-from .robot import Geometry, JointLimits, Robot
+from .robot import LIMIT_KEYS, Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
 from .transmission import read_followers, reduction_matrix
 
@@ -156,8 +156,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     angles.follow_file(table.number("snap_rad", None))
     joints = _joints(table)
     kinds = tuple(joint.text("kind") for joint in joints)
-    read_row = _distal_row if convention == "dh" else _row
-    rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
+    rows = [_row(joint, kind, angles, convention) for joint, kind in zip(joints, kinds, strict=True)]
     couplings = table.tables("coupling", [])
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
@@ -233,15 +232,20 @@ def _joints(table: Table) -> list[Table]:
     return joints
 
 
-def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
-    """Alpha, d, theta, r of one row (rad, m)."""
+def _row(joint: Table, kind: str, angles: RightAngles, convention: str) -> tuple[float, float, float, float]:
+    """Return alpha, the length along x, theta and the length along z of one row (rad, m)."""
+    if convention == "dh":
+        along_x, along_z = read_lengths(joint)
+        _check_lengths(joint, a_m=along_x, d_m=along_z)
+    else:
+        along_x, along_z = joint.number("d_m", 0.0), joint.number("r_m")
+        _check_lengths(joint, d_m=along_x, r_m=along_z)
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
-    # The offset of a revolute joint only defines its zero and may be any angle.
-    d, r = joint.number("d_m", 0.0), joint.number("r_m")
-    _check_lengths(joint, d_m=d, r_m=r)
-    if joint.has("shift_m"):  # the angles of a copied placement are snapped already
-        return alpha, d, theta, r
-    return angles.snapped(alpha), d, theta if kind == "revolute" else angles.snapped(theta), r
+    if not joint.has("shift_m"):  # the angles of a copied placement are snapped already
+        alpha = angles.snapped(alpha)
+        # The offset of a revolute joint only defines its zero and may be any angle.
+        theta = theta if kind == "revolute" else angles.snapped(theta)
+    return alpha, along_x, theta, along_z
 
 
 def _mounts(
@@ -271,14 +275,6 @@ def _mounts(
         )
     mounts = tuple(mounts_read)
     return () if mounts == chain(len(joints)) else mounts
-
-
-def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
-    """Alpha, a, theta, d of one row of a standard table (rad, m)."""
-    a, d = read_lengths(joint)
-    _check_lengths(joint, a_m=a, d_m=d)
-    alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
-    return angles.snapped(alpha), a, theta if kind == "revolute" else angles.snapped(theta), d
 
 
 def _check_lengths(joint: Table, **lengths: float) -> None:
@@ -323,10 +319,9 @@ def _angle(joint: Table, name: str) -> float:
 
 def _limits(joint: Table, kind: str) -> JointLimits:
     table = joint.part("limits")
-    turn = kind == "revolute"
-    position = table.numbers("position_rad" if turn else "position_m", length=2, default=None)
-    velocity = table.number("velocity_rad_s" if turn else "velocity_m_s", None)
-    effort = table.number("torque_n_m" if turn else "force_n", None)
+    position_key, velocity_key, effort_key = LIMIT_KEYS[kind]
+    position = table.numbers(position_key, length=2, default=None)
+    velocity, effort = table.number(velocity_key, None), table.number(effort_key, None)
     table.done()
     if position is not None and position[0] >= position[1]:
         table.fail(f"the lowest position must be below the highest, got {series(map(str, position))}")

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from .._tools.toml import quoted, toml_key
+from .._tools.words import one_line
 from .correspondence import Correspondence, Pose
 from .friction import (
     CYLINDER,
@@ -17,12 +18,13 @@ from .friction import (
     REFERENCE_DEGC,
     SCALED,
     SPRINGS,
+    Friction,
     FrictionTerm,
     scale_units,
 )
 from .placement import Mount
 from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
-from .robot import JointLimits, Robot
+from .robot import LIMIT_KEYS, JointLimits, Robot
 from .transmission import followers_text
 
 
@@ -34,7 +36,7 @@ def robot_text(robot: Robot) -> str:
     robot : Robot
         Any robot.
     """
-    lines = [f"# {_comment(note)}" for note in robot.notes]
+    lines = [f"# {one_line(note)}" for note in robot.notes]
     lines += [
         "schema = 1",
         f"name = {quoted(robot.name)}",
@@ -131,15 +133,14 @@ def _transmission(robot: Robot) -> list[str]:
 
 def _friction(robot: Robot) -> list[str]:
     friction = robot.friction
-    defaults = {"model": "symmetric", "coulomb": "sign", "coupling": "shaft"}
     lines = [
         f"{key} = {quoted(getattr(friction, key))}"
-        for key, default in defaults.items()
-        if getattr(friction, key) != default
+        for key in ("model", "coulomb", "coupling")
+        if getattr(friction, key) != getattr(Friction, key)
     ]
     for key in ("smoothing", "dead_zone"):
         values = getattr(friction, key)
-        for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
+        for unit, kind in scale_units(key):
             if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
                 lines.append(f"{key}_{unit} = {_numbers(values)}")
     lines += _further_friction(robot)
@@ -206,15 +207,12 @@ def _further_friction(robot: Robot) -> list[str]:
 
 
 def _limits(limits: JointLimits, kind: str) -> list[str]:
-    revolute = kind == "revolute"
-    limits_read = []
-    if limits.position is not None:
-        limits_read.append(f"position_{'rad' if revolute else 'm'} = {_numbers(limits.position)}")
-    if limits.velocity is not None:
-        limits_read.append(f"velocity_{'rad_s' if revolute else 'm_s'} = {_number(limits.velocity)}")
-    if limits.effort is not None:
-        limits_read.append(f"{'torque_n_m' if revolute else 'force_n'} = {_number(limits.effort)}")
-    return limits_read
+    given = zip(LIMIT_KEYS[kind], (limits.position, limits.velocity, limits.effort), strict=True)
+    return [
+        f"{key} = {_numbers(value) if isinstance(value, tuple) else _number(value)}"
+        for key, value in given
+        if value is not None
+    ]
 
 
 def _urdf(places: Correspondence) -> list[str]:
@@ -266,7 +264,3 @@ def _matrix(rows: Sequence[Sequence[float]]) -> str:
 
 def _pose(rows: Pose) -> str:
     return f"[{', '.join(map(_numbers, rows))}]"
-
-
-def _comment(text: str) -> str:
-    return "".join(character if character.isprintable() else " " for character in text)

@@ -8,14 +8,14 @@ link j. Frame j of the model has its z axis along joint axis j. The two share th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import Table
-from .rigid_body import INERTIAL, inverse, mdh_pose, pseudo_inertia, ten_parameters
+from .rigid_body import INERTIAL, angle_of, mdh_pose, moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,9 +71,7 @@ def read_lengths(joint: Table) -> tuple[float, float]:
     return joint.number("a_m"), joint.number("d_m")
 
 
-def in_other_frames(
-    names: Sequence[str], x: Array, poses: Sequence[Array], change: Callable[[Array, Array], Array]
-) -> Array:
+def in_other_frames(names: Sequence[str], x: Array, poses: Sequence[Array]) -> Array:
     """Return standard parameters with the ten of each link expressed in another frame.
 
     Parameters
@@ -83,27 +81,14 @@ def in_other_frames(
     x
         (n_parameters,) their values.
     poses
-        (4, 4) pose per link of its other frame in frame j.
-    change
-        `to_frame` or `from_frame`.
+        (4, 4) pose per link of its present frame in the other one.
     """
     x_out = np.array(x, dtype=np.float64)
     for j, pose in enumerate(poses):
         first = names.index(f"{INERTIAL[0]}{j + 1}")
         ten = slice(first, first + len(INERTIAL))
-        x_out[ten] = ten_parameters(change(pose, pseudo_inertia(x_out[ten])))
+        x_out[ten] = moved(x_out[ten], pose)
     return x_out
-
-
-def to_frame(pose: Array, pseudo: Array) -> Array:
-    """Return a pseudo-inertia of frame j as that of the frame with this pose in it."""
-    back = inverse(pose)
-    return np.asarray(back @ pseudo @ back.T)
-
-
-def from_frame(pose: Array, pseudo: Array) -> Array:
-    """Return a pseudo-inertia of the frame with this pose in frame j as that of frame j."""
-    return np.asarray(pose @ pseudo @ pose.T)
 
 
 def correspondence_lines(poses: Sequence[Array], joints: Sequence[str]) -> list[str]:
@@ -119,8 +104,7 @@ def correspondence_lines(poses: Sequence[Array], joints: Sequence[str]) -> list[
 
 def _axis(rotation: Array) -> tuple[str, float]:
     """Return the axis and the angle (degrees) of a rotation in words."""
-    cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(rotation)) - 1.0)))
-    angle = math.degrees(math.acos(cosine))
+    angle = math.degrees(angle_of(rotation))
     if angle < 1e-7:
         return "-", 0.0
     vector = np.array(

@@ -30,8 +30,8 @@ from ..methods.positions.replay import pushed_of
 from ..methods.positions.stops import Stop, free_stretches, stops_of
 from ..model.limbs import limbs_of
 from ..result.identification import Identification
-from ..robot.payload import carrying_joint, moved
-from ..robot.rigid_body import body_pseudo_inertia, central, pose, pseudo_inertia, quaternion
+from ..robot.payload import carrying_joint
+from ..robot.rigid_body import body_pseudo_inertia, central, moved, pose, pseudo_inertia, quaternion
 from .mujoco_model import integrator_of, load_model, places_of
 
 Stretches = dict[tuple[int, int], list[int]]

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .._tools.arrays import Array
 from .._tools.plugins import optional
 from ..errors import PlotError
 from ..model.kinematics import frames
-from ..robot.rigid_body import pose
+from ..robot.rigid_body import pose, quaternion
 from ..robot.robot import Robot
 from .framing import box_around, box_of, camera, floor_axes, points_in, poses_of
 from .playback import Playback
@@ -202,8 +201,12 @@ class Page:
     def _add(self, name: str, shape: Shape, opacity: float) -> Any:
         scene = self._server.scene
         position, wxyz = _place(shape.pose)
-        at: dict[str, Any] = {"position": position, "wxyz": wxyz}
-        look: dict[str, Any] = {**at, "color": shape.colour, "opacity": None if opacity >= 1.0 else opacity}
+        look: dict[str, Any] = {
+            "position": position,
+            "wxyz": wxyz,
+            "color": shape.colour,
+            "opacity": None if opacity >= 1.0 else opacity,
+        }
         if shape.kind == "cylinder":
             return scene.add_cylinder(name, radius=shape.size[0], height=shape.size[1], **look)
         if shape.kind == "sphere":
@@ -224,9 +227,7 @@ class Page:
             return None
         vertices = np.asarray(mesh.vertices) * np.array(shape.size)
         self._boxes.append((shape.link, box_around(vertices, shape.pose)))
-        return self._server.scene.add_mesh_simple(
-            name, vertices, np.asarray(mesh.faces), **{**look, "color": (188, 194, 203)}
-        )
+        return self._server.scene.add_mesh_simple(name, vertices, np.asarray(mesh.faces), **look)
 
     def _controls(self) -> None:
         gui = self._server.gui
@@ -250,7 +251,7 @@ def _show_all(handles: Sequence[Any], *, visible: bool) -> None:
 
 def _place(matrix: Array) -> tuple[Array, Array]:
     """Return position and quaternion (w first) of a homogeneous matrix."""
-    return matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_quat()[[3, 0, 1, 2]]
+    return matrix[:3, 3], quaternion(matrix[:3, :3])
 
 
 def _heat(share: float) -> tuple[int, int, int]:

@@ -42,13 +42,14 @@ class Playback:
 
     def at(self, time: float) -> Array:
         """Return the positions at a time (s), (n_dof,), constant beyond both ends."""
-        return np.array([np.interp(time, self.t, column) for column in self.q.T])
+        return self._between(time, self.q)
 
     def residual_at(self, time: float) -> Array | None:
         """Return the shares of the residual at a time (s), (n_dof,)."""
-        if self.residual is None:
-            return None
-        return np.array([np.interp(time, self.t, column) for column in self.residual.T])
+        return None if self.residual is None else self._between(time, self.residual)
+
+    def _between(self, time: float, values: Array) -> Array:
+        return np.array([np.interp(time, self.t, column) for column in values.T])
 
 
 def of_log(experiment: Experiment, parameters: str | None) -> tuple[list[Playback], list[str]]:

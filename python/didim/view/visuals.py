@@ -13,13 +13,15 @@ from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
 from ..errors import RobotError
 from ..model.kinematics import frames
-from ..robot.rigid_body import inverse, pose, rotation_of, turn
+from ..robot.rigid_body import inverse
 from ..robot.robot import Robot
-from ..robot.urdf.description import Description, read_description
+from ..robot.urdf.description import Description, frame_of, read_description
 from ..robot.urdf.xml_spans import Element, parse_xml
-from .shapes import LINK, Colour, Shape
+from .shapes import Colour, Shape
 
 BODY: Colour = (188, 194, 203)
+SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",)}
+"""Attributes of the size of each solid."""
 ENDINGS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 """Suffixes of mesh files that trimesh reads; COLLADA also needs pycollada."""
 
@@ -49,7 +51,7 @@ def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[l
     data = read_small_file(path, RobotError)
     description = read_description(data, path.name)
     at_zero = _at_zero(description, dict(places.lock))
-    frame_0 = at_zero[places.base] @ np.array([*places.frame_0, (0.0, 0.0, 0.0, 1.0)])
+    frame_0 = at_zero[places.base] @ places.base_matrix
     own = frames(robot, np.zeros((1, robot.n_dof)))[0]
     carrier = {
         name: joint + 1
@@ -58,13 +60,13 @@ def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[l
     }
     shapes: list[Shape] = []
     missing: list[str] = []
-    for link in parse_xml(data, path.name).children:
-        name = link.attributes.get("name", "")
-        if link.tag != "link" or name not in at_zero:
+    for link in parse_xml(data, path.name).all("link"):
+        name = link.attributes["name"]
+        if name not in at_zero:  # of a tree that the robot is not on
             continue
         number = carrier.get(name, 0)
         seen = inverse(frame_0 @ own[number]) @ at_zero[name]
-        for visual in (child for child in link.children if child.tag == "visual"):
+        for visual in link.all("visual"):
             shape = _shape(visual, number, seen, path, folders, missing)
             if shape is not None:
                 shapes.append(shape)
@@ -74,15 +76,10 @@ def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[l
 def _at_zero(description: Description, lock: dict[str, float]) -> dict[str, Array]:
     """Return the frame of each link in the root with all joints at zero, locked ones at their positions."""
     transforms = {description.root: np.eye(4)}
-    for name in description.order:
+    for name in description.carried(description.root):
         for joint in description.outgoing.get(name, ()):
-            value = lock.get(joint.name, 0.0)
-            step = np.eye(4)
-            if joint.kind == "prismatic":
-                step = pose(np.eye(3), value * joint.axis)
-            elif joint.kind in ("revolute", "continuous"):
-                step = pose(turn(joint.axis, value))
-            transforms[joint.child] = transforms[name] @ joint.origin @ step
+            step = joint.origin @ joint.motion(lock.get(joint.name, 0.0))
+            transforms[joint.child] = transforms[name] @ step
     return transforms
 
 
@@ -90,47 +87,29 @@ def _shape(
     visual: Element, link: int, seen: Array, path: Path, folders: tuple[Path, ...], missing: list[str]
 ) -> Shape | None:
     """Return one visual in the frame of the robot's link; None for a missing mesh."""
-    origin = next((child.attributes for child in visual.children if child.tag == "origin"), {})
-    placed = seen @ pose(
-        rotation_of(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
-    )
-    geometry = next((child for child in visual.children if child.tag == "geometry"), None)
+    geometry = visual.find("geometry")
     solid = geometry.children[0] if geometry is not None and geometry.children else None
-    if solid is None:
+    if solid is None or solid.tag not in SIZES:
         return None
-    given = solid.attributes
-    if solid.tag == "box":
-        return Shape(
-            layer="visuals",
-            link=link,
-            kind="box",
-            pose=placed,
-            size=tuple(_numbers(given["size"])),
-            colour=BODY,
-        )
-    if solid.tag == "cylinder":
-        size = (float(given["radius"]), float(given["length"]))
-        return Shape(layer="visuals", link=link, kind="cylinder", pose=placed, size=size, colour=BODY)
-    if solid.tag == "sphere":
-        return Shape(
-            layer="visuals",
-            link=link,
-            kind="sphere",
-            pose=placed,
-            size=(float(given["radius"]),),
-            colour=BODY,
-        )
-    if solid.tag != "mesh":
-        return None
-    name = given.get("filename", "")
-    file = find_mesh(name, path, folders)
-    if file is None:
-        missing.append(
-            f"{path.name}: the mesh {name} was not found; --meshes names the folder of its package"
-        )
-        return None
-    scale = tuple(_numbers(given.get("scale", "1 1 1")))
-    return Shape(layer="visuals", link=link, kind="mesh", pose=placed, size=scale, colour=LINK, file=file)
+    given, file = solid.attributes, None
+    if solid.tag == "mesh":
+        name = given.get("filename", "")
+        file = find_mesh(name, path, folders)
+        if file is None:
+            missing.append(
+                f"{path.name}: the mesh {name} was not found; --meshes names the folder of its package"
+            )
+            return None
+        given = {"scale": "1 1 1", **given}
+    return Shape(
+        layer="visuals",
+        link=link,
+        kind=solid.tag,  # type: ignore[arg-type]
+        pose=seen @ frame_of(visual, f"{path.name}: line {visual.line}:"),
+        size=tuple(float(word) for key in SIZES[solid.tag] for word in given[key].split()),
+        colour=BODY,
+        file=file,
+    )
 
 
 def find_mesh(name: str, path: Path, folders: tuple[Path, ...] = ()) -> Path | None:
@@ -145,7 +124,3 @@ def find_mesh(name: str, path: Path, folders: tuple[Path, ...] = ()) -> Path | N
     else:
         candidates = [Path(tail), *(folder / tail for folder in above[: len(folders) + 1])]
     return next((file for file in candidates if file.is_file()), None)
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]

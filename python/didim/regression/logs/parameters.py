@@ -21,8 +21,8 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, listing
 from ...errors import ExperimentError, FitError
 from ...log.recording import Recording
+from ...robot.correspondence import Pose
 from ...robot.payload import NOTHING, UNITS, Payload, payload_columns
-from ...robot.payload import Pose as FlangePose
 from ...robot.robot import Robot
 from ..selection import Role, Selection, select
 
@@ -92,7 +92,7 @@ class LogParameters:
         robot: Robot,
         recordings: Sequence[Recording] = (),
         payloads: Mapping[str, Payload] | None = None,
-        flange: FlangePose | None = None,
+        flange: Pose | None = None,
         *,
         checked: bool = True,
     ) -> LogParameters:
@@ -234,7 +234,7 @@ class _Builder:
         self.known: dict[int, Array] = {}
         self.reference: dict[str, str] = {}
 
-    def payloads(self, payloads: Mapping[str, Payload], flange: FlangePose | None) -> None:
+    def payloads(self, payloads: Mapping[str, Payload], flange: Pose | None) -> None:
         """Add the payloads of recordings."""
         used: dict[str, list[int]] = {}
         for number, recording in enumerate(self.recordings):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from ...errors import RobotError
 from ..transmission import Actuator
-from .mjcf_sections import by_class
+from .mjcf_sections import by_class, inside
 from .xml_spans import Element
 
 SHORTCUTS = (
@@ -146,15 +146,14 @@ def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[El
         lambda own, child: own.with_element(child, where) if child.tag in SHORTCUTS else own,
     )
     settings: dict[str, tuple[Element, Setting]] = {}
-    for section in sections:
-        for element in section.children if section.tag == "actuator" else ():
-            joint = element.attributes.get("joint")
-            name = element.attributes.get("class", "main")
-            if element.tag not in SHORTCUTS or joint is None:
-                continue
-            if name not in defaults:
-                raise RobotError(f"{where}: line {element.line}: there is no default class {name!r}")
-            settings[joint] = element, defaults[name].with_element(element, where)
+    for element in inside(sections, "actuator"):
+        joint = element.attributes.get("joint")
+        name = element.attributes.get("class", "main")
+        if element.tag not in SHORTCUTS or joint is None:
+            continue
+        if name not in defaults:
+            raise RobotError(f"{where}: line {element.line}: there is no default class {name!r}")
+        settings[joint] = element, defaults[name].with_element(element, where)
     return settings
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
-from ..rigid_body import pose, turn
 from .description import MOVING, Description, UrdfJoint
 
 LARGEST_CHAIN = 40
@@ -282,13 +281,7 @@ def _reach(description: Description, lock: Mapping[str, float]) -> dict[str, int
 
 def _still(joint: UrdfJoint, lock: Mapping[str, float]) -> Array:
     """Pose of the child link in the parent link, the joint at its locked position."""
-    value = lock.get(joint.name, 0.0)
-    if not value:
-        return joint.origin
-    motion = (
-        pose(np.eye(3), value * joint.axis) if joint.kind == "prismatic" else pose(turn(joint.axis, value))
-    )
-    return joint.origin @ motion
+    return joint.origin @ joint.motion(lock.get(joint.name, 0.0))
 
 
 def _assemble(

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..placement import Mount, as_row, frame_along
-from ..right_angles import PARALLEL, RIGHT_ANGLE_ROUNDING, nearest_right_angle
+from ..right_angles import PARALLEL, without_rounding
 from ..rigid_body import inverse, mdh_pose, pose
 
 LENGTH_ROUNDING = 1e-10
@@ -152,10 +152,8 @@ def _row(before: Array, after: Array) -> Row:
 
 
 def _angle(angle: float) -> float:
-    right = nearest_right_angle(angle)
-    if abs(angle - right) > RIGHT_ANGLE_ROUNDING:
-        return angle
-    return math.pi if right == -math.pi else right + 0.0
+    exact = without_rounding(angle)
+    return math.pi if exact == -math.pi else exact
 
 
 def _length(length: float) -> float:

@@ -16,7 +16,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import series
 from ...errors import RobotError
 from ..payload import LARGEST
-from ..rigid_body import body_pseudo_inertia, pose, rotation_of
+from ..rigid_body import body_pseudo_inertia, pose, rotation_of, turn
 from ..transmission import SOFTNESS, Actuator
 from .xml_spans import Element, parse_xml
 
@@ -130,6 +130,12 @@ class UrdfJoint:
     def moves(self) -> bool:
         """Whether its type has a degree of freedom, driven or coupled."""
         return self.kind != "fixed"
+
+    def motion(self, position: float) -> Array:
+        """Return the motion of its child (4, 4) to a position (rad or m); types without one coordinate stay."""
+        if self.kind == "prismatic":
+            return pose(np.eye(3), position * self.axis)
+        return pose(turn(self.axis, position)) if self.kind in MOVING else np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +356,8 @@ def _lacks(inertial: Element | None) -> str | None:
     return None
 
 
-def _frame(element: Element, where: str) -> Array:
+def frame_of(element: Element, where: str) -> Array:
+    """Return the pose (4, 4) of an element with an ``<origin>``, of which both parts may be missing."""
     origin = element.find("origin")
     zero = (0.0, 0.0, 0.0)
     return pose(rotation_of(_numbers(origin, "rpy", zero, where)), _numbers(origin, "xyz", zero, where))
@@ -365,7 +372,7 @@ def _inertial(link: Element, where: str) -> Inertial | None:
     xy, xz, yz = (_number(inertia, key, where) for key in ("ixy", "ixz", "iyz"))
     return Inertial(
         mass=_number(mass, "value", where),
-        frame=_frame(element, where),
+        frame=frame_of(element, where),
         inertia=np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]),
     )
 
@@ -398,7 +405,7 @@ def _joint(element: Element, where: str) -> UrdfJoint:
         kind=kind,
         parent=ends[0],
         child=ends[1],
-        origin=_frame(element, where),
+        origin=frame_of(element, where),
         axis=axis / length if length > 0.0 else axis,
         lower=lower,
         upper=upper,

@@ -14,6 +14,7 @@ from ..transmission import Actuator
 from .actuators import Setting, actuator_settings, read_actuators
 from .description import UrdfJoint
 from .mjcf import walked
+from .mjcf_sections import merged
 from .xml_spans import Element
 
 
@@ -73,15 +74,11 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
         waiting += element.children
     settings = actuator_settings(sections, path.name)
     actuators, _ = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, path.name)
-    integrator = "Euler"
-    for section in sections:
-        if section.tag == "option":
-            integrator = section.attributes.get("integrator", integrator)
     return DriveElements(
         joints={joint.name: joint for joint in reader.joints.values() if joint.moves},
         elements={name: element for name, element in reader.elements.items() if id(element) in own},
         settings={name: setting for name, setting in settings.items() if id(setting[0]) in own},
         actuators=actuators,
         degrees=reader.compiler.degrees,
-        integrator=integrator,
+        integrator=merged(sections, "option").get("integrator", "Euler"),
     )

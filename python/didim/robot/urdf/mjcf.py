@@ -135,7 +135,9 @@ class Reader:
             joint, anchor = self._joint(element, name, number, len(joints), childclass)
             last = number == len(joints) and not anchor.any()
             child = name if last else f"{name}/{joint.name}"
-            self._connect(joint, parent, child, origin @ pose(np.eye(3), anchor) @ _to_zero(joint))
+            # The file draws a joint at its reference position.
+            at_zero = origin @ pose(np.eye(3), anchor) @ joint.motion(-joint.zero)
+            self._connect(joint, parent, child, at_zero)
             parent, origin = child, pose(np.eye(3), -anchor)
         if parent != name:
             self._connect(_fixed(f"{name}_fixed"), parent, name, origin)
@@ -379,15 +381,6 @@ def _beyond(text: str) -> bool:
 
 def _fixed(name: str) -> UrdfJoint:
     return UrdfJoint(name, "fixed", "", "", origin=np.eye(4), axis=np.array([0.0, 0.0, 1.0]))
-
-
-def _to_zero(joint: UrdfJoint) -> Array:
-    """Return the motion of a joint from its reference position, in which the file draws it, to zero."""
-    if not joint.zero:
-        return np.eye(4)
-    if joint.kind == "prismatic":
-        return pose(np.eye(3), -joint.zero * joint.axis)
-    return pose(turn(joint.axis, -joint.zero))
 
 
 def _together(inertials: list[Inertial]) -> Inertial | None:

@@ -6,7 +6,7 @@ Tested in ``tests/test_mjcf.py`` and ``tests/test_couplings.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -51,6 +51,16 @@ Defaults = Mapping[str, _Attributes]
 _Defaults = TypeVar("_Defaults")
 
 
+def inside(sections: Iterable[Element], tag: str) -> list[Element]:
+    """Return what is inside all sections of one name."""
+    return [child for section in sections if section.tag == tag for child in section.children]
+
+
+def merged(elements: Iterable[Element], tag: str) -> dict[str, str]:
+    """Return the attributes of all elements of one name, of which later ones count, as in MuJoCo."""
+    return {key: value for each in elements if each.tag == tag for key, value in each.attributes.items()}
+
+
 def compiler_of(sections: list[Element], where: str) -> Compiler:
     """Return the settings of all ``<compiler>`` together.
 
@@ -59,10 +69,7 @@ def compiler_of(sections: list[Element], where: str) -> Compiler:
     RobotError
         For global coordinates, which MuJoCo no longer reads, a wrong order of Euler angles and wrong numbers.
     """
-    given: dict[str, str] = {}
-    for section in sections:
-        if section.tag == "compiler":
-            given.update(section.attributes)
+    given = merged(sections, "compiler")
     if given.get("coordinate", "local") != "local":
         raise RobotError(f"{where}: coordinates must be local, got {given['coordinate']!r}")
     eulerseq = given.get("eulerseq", "xyz")
@@ -87,19 +94,12 @@ def compiler_of(sections: list[Element], where: str) -> Compiler:
 
 def world_notes(sections: list[Element]) -> tuple[bool, list[str]]:
     """Return whether gravity is disabled, and sentences on that and on what else of the simulated world is left out."""
-    options = [section for section in sections if section.tag == "option"]
-    flags = [
-        flag.attributes.get("gravity") for option in options for flag in option.children if flag.tag == "flag"
-    ]
-    weightless = bool(flags) and flags[-1] == "disable"
-    notes = (
-        ["gravity is disabled in the file (didim robot --gravity 0 0 -9.81 restores it)"]
-        if weightless
-        else []
-    )
-    if any(
-        option.attributes.get(key, "0").strip("0.") for option in options for key in ("density", "viscosity")
-    ):
+    weightless = merged(inside(sections, "option"), "flag").get("gravity") == "disable"
+    notes = []
+    if weightless:
+        notes.append("gravity is disabled in the file (didim robot --gravity 0 0 -9.81 restores it)")
+    options = merged(sections, "option")
+    if any(options.get(key, "0").strip("0.") for key in ("density", "viscosity")):
         notes.append("forces of the fluid are left out (density, viscosity)")
     return weightless, notes
 
@@ -138,33 +138,30 @@ def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> d
     """Return the joints with the leader that a linear ``equality/joint`` ties them to; nonlinear ties lock the joint."""
     zeros = {joint.name: joint.zero for joint in joints.values()}
     ties: dict[str, tuple[str, float, float]] = {}
-    for section in sections:
-        for element in section.children if section.tag == "equality" else ():
-            if element.tag == "joint" and element.attributes.get("active", "true") == "true":
-                words = element.attributes.get("polycoef", "0 1 0 0 0").split()
-                try:
-                    rest, slope, *more = [float(word) for word in words] + [0.0] * (2 - len(words))
-                except ValueError:
-                    raise RobotError(f"{where}: line {element.line}: polycoef must be five numbers") from None
-                name, leader = (element.attributes.get(key, "") for key in ("joint1", "joint2"))
-                # Both positions are relative to the pose in which the file draws the joints.
-                at_zero = zeros.get(name, 0.0) + rest
-                line = not any(more) and leader in zeros
-                ties[name] = (leader, slope, at_zero - slope * zeros[leader]) if line else ("", 0.0, at_zero)
-    return {
-        child: replace(
-            joint, mimic=ties[joint.name][0], multiplier=ties[joint.name][1], offset=ties[joint.name][2]
-        )
-        if joint.name in ties
-        else joint
-        for child, joint in joints.items()
-    }
+    for element in inside(sections, "equality"):
+        if element.tag == "joint" and element.attributes.get("active", "true") == "true":
+            words = element.attributes.get("polycoef", "0 1 0 0 0").split()
+            try:
+                rest, slope, *more = [float(word) for word in words] + [0.0] * (2 - len(words))
+            except ValueError:
+                raise RobotError(f"{where}: line {element.line}: polycoef must be five numbers") from None
+            name, leader = (element.attributes.get(key, "") for key in ("joint1", "joint2"))
+            # Both positions are relative to the pose in which the file draws the joints.
+            at_zero = zeros.get(name, 0.0) + rest
+            line = not any(more) and leader in zeros
+            ties[name] = (leader, slope, at_zero - slope * zeros[leader]) if line else ("", 0.0, at_zero)
+    as_tied = dict(joints)
+    for child, joint in joints.items():
+        if joint.name in ties:
+            leader, slope, offset = ties[joint.name]
+            as_tied[child] = replace(joint, mimic=leader, multiplier=slope, offset=offset)
+    return as_tied
 
 
 def sprung_tendons(sections: list[Element], defaults: Defaults) -> list[str]:
     """Return the names of tendons with a stiffness."""
     sprung = []
-    for element in (child for section in sections if section.tag == "tendon" for child in section.children):
+    for element in inside(sections, "tendon"):
         own = defaults.get(element.attributes.get("class", "main"), {}).get("tendon", {})
         if {**own, **element.attributes}.get("stiffness", "0").strip("0. "):
             sprung.append(element.attributes.get("name", f"line {element.line}"))

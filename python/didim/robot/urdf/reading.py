@@ -135,6 +135,7 @@ def read_urdf(
         geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
         names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
         notes.append(f"joints that follow others, with their leaders: {names}")
+    actuators = tuple(joint.actuator for joint in chain.joints)
     springs = _springs(chain)
     named, missing = _parameters(description, chain, table, set_name, springs)
     robot = Robot(
@@ -143,14 +144,16 @@ def read_urdf(
         path=path,
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
-        friction=_friction(len(chain.driven), springs),
+        friction=Friction.plain(
+            len(chain.driven), (FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
+        ),
         limits=_limits(chain),
         reduction=None,
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=(*notes, *missing),
-        actuators=tuple(joint.actuator for joint in chain.joints) if _driven(chain) else (),
+        actuators=actuators if any(actuators) else (),
         softness=tuple(joint.softness for joint in chain.driven) if mjcf else (),
         _named={set_name: named} if named else {},
     )
@@ -176,11 +179,6 @@ def _table(
     raise RobotError(
         f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest)"
     )
-
-
-def _driven(chain: Chain) -> bool:
-    """Whether the description declares an actuator of any joint."""
-    return any(joint.actuator is not None for joint in chain.joints)
 
 
 def _gravity(gravity: Sequence[float] | None, description: Description, chain: Chain) -> Array:
@@ -233,27 +231,16 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
     """Sentence on angles that are nearly right."""
     if not left:
         return None
-    names = series((chain.joints[angle.joint].name for angle in left), 36)
-    largest = max(angle.angle for angle in left)
-    nearly = next(
-        (angle for angle in left if angle.parallel and chain.parents[angle.joint] is not None), None
-    )
-    if nearly is not None:
+    names = [joint.name for joint in chain.joints]
+    largest = max(nearly.angle for nearly in left)
+    which = series((names[nearly.joint] for nearly in left), 36)
+    what = f"{which} are up to {largest:.1e} rad from right angles"
+    for nearly in reversed(left):
         parent = chain.parents[nearly.joint]
-        assert parent is not None
-        return (
-            f"{where}: the axes of {chain.joints[parent].name} and {chain.joints[nearly.joint].name} are "
-            f"{nearly.angle:.1e} rad from parallel, adding weak base parameters; write "
-            f"{_cure(largest)}"
-        )
-    return (
-        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles, adding weak base "
-        f"parameters; write {_cure(largest)}"
-    )
-
-
-def _cure(angle: float) -> str:
-    return f"--snap {SUSPICIOUS if angle <= SUSPICIOUS else NEARLY_PARALLEL:g}"
+        if nearly.parallel and parent is not None:
+            what = f"{names[parent]} and {names[nearly.joint]} are {nearly.angle:.1e} rad from parallel"
+    cure = SUSPICIOUS if largest <= SUSPICIOUS else NEARLY_PARALLEL
+    return f"{where}: the axes of {what}, adding weak base parameters; write --snap {cure:g}"
 
 
 def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
@@ -289,9 +276,8 @@ def _followers(chain: Chain) -> tuple[Follower, ...]:
     numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
     return tuple(
         Follower(leaders=((numbers[leader], factor),), offset=offset, name=name)
-        for name, (leader, factor, offset) in (
-            (joint.name, chain.mimics[joint.name]) for joint in chain.joints if joint.name in chain.mimics
-        )
+        for name in (joint.name for joint in chain.joints if joint.name in chain.mimics)
+        for leader, factor, offset in (chain.mimics[name],)
     )
 
 
@@ -306,14 +292,6 @@ def _springs(chain: Chain) -> dict[int, tuple[float, float]]:
             torque += factor * joint.stiffness * (offset - joint.rest)
             springs[numbers[leader]] = (stiffness + factor**2 * joint.stiffness, torque)
     return springs
-
-
-def _friction(n: int, springs: Mapping[int, tuple[float, float]]) -> Friction:
-    nothing = (0.0,) * n
-    terms = tuple(FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
-    return Friction(
-        model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing, terms=terms
-    )
 
 
 def _limits(chain: Chain) -> tuple[JointLimits, ...]:
@@ -408,10 +386,7 @@ def _self_test(
             inertial = body.inertial
             pseudo = body_pseudo_inertia(inertial.mass, inertial.inertia, pose @ body.pose @ inertial.frame)
             x[14 * j : 14 * j + len(INERTIAL)] += ten_parameters(pseudo)
-    without_friction = Friction(
-        model="symmetric", coulomb="sign", coupling="shaft", smoothing=(0.0,) * n, dead_zone=(0.0,) * n
-    )
-    tau = _core.inverse_dynamics(geometry.core(without_friction), states.q, states.dq, states.ddq, x)
+    tau = _core.inverse_dynamics(geometry.core(Friction.plain(n)), states.q, states.dq, states.ddq, x)
     differences = []
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)

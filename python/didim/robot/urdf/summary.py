@@ -11,6 +11,7 @@ import numpy as np
 
 from ..._tools.words import counted
 from ..correspondence import Correspondence
+from ..rigid_body import angle_of
 from ..robot import Robot
 from ..standard_dh import correspondence_lines
 from .reading import UrdfReading
@@ -32,12 +33,11 @@ def summary(reading: UrdfReading) -> str:
     ]
     for j, (row, transform) in enumerate(zip(reading.table.rows, places.links, strict=True)):
         matrix = transform.matrix
-        cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(matrix[:3, :3])) - 1.0)))
         link = " + ".join((transform.link, *transform.lumped, *transform.locked))
         lines.append(
             f"{j + 1:2} {transform.joint:{width}}  {robot.geometry.kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
             f"{math.degrees(row.theta):9.6g}  {row.r:8.5g}  {1e3 * float(np.linalg.norm(matrix[:3, 3])):9.4g}  "
-            f"{math.degrees(math.acos(cosine)):8.4g}  {link}"
+            f"{math.degrees(angle_of(matrix[:3, :3])):8.4g}  {link}"
         )
     what = "made-up inertias, as the file has none" if reading.made_up else "the inertias of the file"
     lines += [

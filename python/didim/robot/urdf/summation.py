@@ -14,6 +14,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..placement import carriers, in_line
+from ..rigid_body import skew
 from .chain import Member
 from .description import Inertial
 
@@ -160,7 +161,6 @@ def _effort(
 
 def _turns(axis: Array, angles: Array) -> Array:
     """Return the rotations by several angles about one axis, (n, 3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = skew(axis)
     sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))

@@ -26,8 +26,8 @@ from ...regression.settings import LeastSquaresSettings
 from ...regression.weights import joint_sigma, per_row
 from ...result.identification import Identification
 from ...result.uncertainty import student_factor
-from ...robot.correspondence import homogeneous
-from ...robot.payload import NOTHING, Payload, Pose, frame_of_payloads
+from ...robot.correspondence import Pose, homogeneous
+from ...robot.payload import NOTHING, Payload, frame_of_payloads
 from ...robot.rigid_body import central, pseudo_inertia, roll_pitch_yaw
 from ...robot.robot import Robot
 from ..loaded import unloaded, with_gains_of
