@@ -17,17 +17,8 @@ from ...model.dynamics import standard_vector
 from ...robot.friction import HOLD_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from .equations import Equations, remembering
-from .expression import Expression, Graph
+from .expression import FUNCTIONS, Expression, Graph
 
-_CALLS = {
-    "sin": "sin",
-    "cos": "cos",
-    "tanh": "tanh",
-    "atan": "atan",
-    "exp": "exp",
-    "sqrt": "sqrt",
-    "abs": "fabs",
-}
 _LONGEST = 90
 """Largest number of characters of an expression without a variable of its own."""
 
@@ -42,11 +33,8 @@ class _Written:
     def number(self, value: float) -> Expression:
         return self.graph.number(value)
 
-    def sin(self, value: Expression) -> Expression:
-        return self.graph.apply("sin", value)
-
-    def cos(self, value: Expression) -> Expression:
-        return self.graph.apply("cos", value)
+    def apply(self, function: str, value: Expression) -> Expression:
+        return self.graph.apply(function, value)
 
     def sign(self, joint: int, speed: Expression) -> Expression:
         friction = self.robot.friction
@@ -59,15 +47,6 @@ class _Written:
                 else smooth
             )
         return self.graph.apply("sign", speed, zone)
-
-    def positive(self, value: Expression) -> Expression:
-        return self.graph.apply("positive", value)
-
-    def magnitude(self, value: Expression) -> Expression:
-        return self.graph.apply("abs", value)
-
-    def inverse_root(self, value: Expression) -> Expression:
-        return self.graph.apply("inverse_root", value)
 
     def term(self, term: FrictionTerm, speed: Expression, sign: Expression) -> Expression:
         one = self.number(1.0)
@@ -82,9 +61,9 @@ class _Written:
             ratio = speed * (1.0 / term.velocity)
             return sign * self.graph.apply("exp", -(ratio * ratio))
         if term.law == "root":
-            return sign * self.graph.apply("sqrt", self.magnitude(speed))
+            return sign * self.graph.apply("sqrt", self.graph.apply("abs", speed))
         if term.law == "forward":
-            return self.positive(speed)
+            return self.graph.apply("positive", speed)
         return self.graph.apply("table", speed, extra=(term.parameter,))
 
 
@@ -287,13 +266,10 @@ def _needed(graph: Graph, ends: Sequence[int]) -> tuple[list[int], dict[int, int
     for index in open_:
         uses[index] = uses.get(index, 0) + 1
         if uses[index] == 1:
-            open_.extend(_operands(graph, index))
+            name, operands = graph.nodes[index]
+            if name not in ("leaf", "number"):
+                open_ += [one for one in operands if isinstance(one, int)]
     return sorted(uses), uses
-
-
-def _operands(graph: Graph, index: int) -> list[int]:
-    name, operands = graph.nodes[index]
-    return [] if name in ("leaf", "number") else [one for one in operands if isinstance(one, int)]
 
 
 def _text(name: str, operands: Sequence[object], texts: dict[int, str], prefix: str) -> str:
@@ -305,29 +281,27 @@ def _text(name: str, operands: Sequence[object], texts: dict[int, str], prefix: 
     parts = [texts[one] for one in operands if isinstance(one, int)]
     if name in ("+", "-", "*"):
         if name != "*":  # products bind first, and sums go from left to right
-            parts = [_bare(part) if _joined(part, ("*",)) else part for part in parts]
-            parts[0] = _bare(parts[0]) if _joined(parts[0], ("+", "-", "*")) else parts[0]
+            parts = [_bare(part) if _joined_by(part) == {"*"} else part for part in parts]
+            parts[0] = _bare(parts[0]) if _joined_by(parts[0]) else parts[0]
         return f"({parts[0]} {name} {parts[1]})"
     if name == "neg":
         return f"(-{parts[0]})"
-    if name in _CALLS:
-        return f"{_CALLS[name]}({_bare(parts[0])})"
+    if name in FUNCTIONS:
+        return f"{'fabs' if name == 'abs' else name}({_bare(parts[0])})"
     if name == "table":
         return f"{prefix}_{operands[-1]}({_bare(parts[0])})"
     return f"{prefix}_{name}({', '.join(_bare(part) for part in parts)})"
 
 
-def _joined(text: str, signs: Sequence[str]) -> bool:
-    """Whether the outer brackets enclose operands joined by one of these signs."""
+def _joined_by(text: str) -> set[str]:
+    """Return the signs that join the operands within the outer brackets; none without brackets."""
     inside = _bare(text)
-    if inside == text:
-        return False
-    depth, operators = 0, set()
-    for word in inside.split(" "):
+    depth, signs = 0, set()
+    for word in inside.split(" ") if inside != text else ():
         if depth == 0 and word in ("+", "-", "*"):
-            operators.add(word)
+            signs.add(word)
         depth += word.count("(") - word.count(")")
-    return bool(operators) and operators.issubset({"*"} if tuple(signs) == ("*",) else {"+", "-", "*"})
+    return signs
 
 
 def _bare(text: str) -> str:

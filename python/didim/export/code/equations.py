@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import FitError
 from ...robot.friction import OF_PATH, OF_POSITION, OF_TEMPERATURE, FrictionTerm
 from ...robot.placement import carriers
+from ...robot.rigid_body import INERTIAL
 from ...robot.robot import Robot
 
 
@@ -25,103 +27,45 @@ class Algebra(Protocol):
     def number(self, value: float) -> Any:
         """Return a constant."""
 
-    def sin(self, value: Any) -> Any:
-        """Return the sine."""
-
-    def cos(self, value: Any) -> Any:
-        """Return the cosine."""
+    def apply(self, function: str, value: Any) -> Any:
+        """Return ``sin``, ``cos``, ``abs``, ``positive`` (zero below zero) or ``inverse_root`` of a value."""
 
     def sign(self, joint: int, speed: Any) -> Any:
         """Return the sign of the Coulomb friction of a joint, with its smoothing and dead zone."""
-
-    def positive(self, value: Any) -> Any:
-        """Return the value where it is above zero, else zero."""
-
-    def magnitude(self, value: Any) -> Any:
-        """Return the absolute value."""
-
-    def inverse_root(self, value: Any) -> Any:
-        """Return one over the square root."""
 
     def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
         """Return the column of a further friction term that only depends on speed."""
 
 
-class Vector(tuple[Any, Any, Any]):
-    """Three scalars."""
-
-    __slots__ = ()
-
-    def __new__(cls, x: Any, y: Any, z: Any) -> Vector:
-        """Make a vector."""
-        return super().__new__(cls, (x, y, z))
-
-    def plus(self, other: Vector) -> Vector:
-        """Return the sum."""
-        return Vector(*(a + b for a, b in zip(self, other, strict=True)))
-
-    def times(self, factor: Any) -> Vector:
-        """Return a multiple."""
-        return Vector(*(a * factor for a in self))
-
-    def cross(self, other: Vector) -> Vector:
-        """Return the vector product."""
-        (a, b, c), (x, y, z) = self, other
-        return Vector(b * z - c * y, c * x - a * z, a * y - b * x)
-
-    def dot(self, other: Vector) -> Any:
-        """Return the scalar product."""
-        return self[0] * other[0] + self[1] * other[1] + self[2] * other[2]
+Scalars = NDArray[np.object_]
+"""Vector (3,) or matrix (3, 3) of scalars of any kind."""
 
 
-Matrix = tuple[Vector, Vector, Vector]
-"""Rows."""
+def _scalars(*entries: Any) -> Scalars:
+    return np.array(entries, dtype=np.object_)
 
 
-def _transform(matrix: Matrix, v: Vector) -> Vector:
-    """Return the product of a matrix and a vector."""
-    return Vector(*(row.dot(v) for row in matrix))
-
-
-def _transposed(matrix: Matrix) -> Matrix:
-    a, b, c = (Vector(*column) for column in zip(*matrix, strict=True))
-    return a, b, c
-
-
-def _product(a: Matrix, b: Matrix) -> Matrix:
-    x, y, z = (_transform(a, column) for column in _transposed(b))
-    return _transposed((x, y, z))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """Ten inertial parameters about the origin of a frame: inertia, first moments (``MX MY MZ``), mass."""
 
-    inertia: Matrix
-    first: Vector
+    inertia: Scalars
+    first: Scalars
     mass: Any
 
-    def plus(self, other: Body) -> Body:
-        """Return the sum of two bodies."""
-        a, b, c = (x.plus(y) for x, y in zip(self.inertia, other.inertia, strict=True))
-        return Body((a, b, c), self.first.plus(other.first), self.mass + other.mass)
+    def __add__(self, other: Body) -> Body:
+        return Body(self.inertia + other.inertia, self.first + other.first, self.mass + other.mass)
 
-    def moved(self, rotation: Matrix, shift: Vector) -> Body:
+    def moved(self, rotation: Scalars, shift: Scalars) -> Body:
         """Return the same body in the preceding frame, in which this frame is rotated and shifted."""
-        first = _transform(rotation, self.first)
-        turned = _product(_product(rotation, self.inertia), _transposed(rotation))
+        first = rotation @ self.first
         # J + (2 t.h + m t.t) 1 - t h' - h t' - m t t'
-        along = 2 * shift.dot(first) + self.mass * shift.dot(shift)
-        rows = []
-        for i in range(3):
-            row = []
-            for k in range(3):
-                entry = (
-                    turned[i][k] - shift[i] * first[k] - first[i] * shift[k] - self.mass * shift[i] * shift[k]
-                )
-                row.append(entry + along if i == k else entry)
-            rows.append(Vector(*row))
-        return Body((rows[0], rows[1], rows[2]), first.plus(shift.times(self.mass)), self.mass)
+        inertia = rotation @ self.inertia @ rotation.T
+        inertia = (
+            inertia - np.outer(shift, first) - np.outer(first, shift) - np.outer(shift * self.mass, shift)
+        )
+        inertia[np.diag_indices(3)] += 2 * (shift @ first) + self.mass * (shift @ shift)
+        return Body(inertia, first + shift * self.mass, self.mass)
 
 
 class Equations:
@@ -149,15 +93,14 @@ class Equations:
         self.zero = algebra.number(0.0)
         self.value: Callable[[str], Any] = lambda name: values.get(name, self.zero)
         self.turns = [kind == "revolute" for kind in robot.geometry.kinds]
-        self.axis = Vector(self.zero, self.zero, algebra.number(1.0))
+        self.axis = _scalars(self.zero, self.zero, algebra.number(1.0))
         self.rotations, self.shifts = self._frames(q)
         self.bodies = [self._body(j + 1) for j in range(self.n)]
 
-    def _frames(self, q: Sequence[Any]) -> tuple[list[Matrix], list[Vector]]:
+    def _frames(self, q: Sequence[Any]) -> tuple[list[Scalars], list[Scalars]]:
         """Rotation and origin of each frame in that of its antecedent."""
         number, geometry = self.algebra.number, self.robot.geometry
-        rotations: list[Matrix] = []
-        shifts = []
+        rotations, shifts = [], []
         for j in range(self.n):
             ca, sa = (_clean(f(geometry.alpha[j])) for f in (math.cos, math.sin))
             angle, length = number(geometry.theta[j]), number(geometry.r[j])
@@ -165,34 +108,27 @@ class Equations:
                 angle = q[j] + angle
             else:
                 length = q[j] + length
-            c, s = self.algebra.cos(angle), self.algebra.sin(angle)
-            rotation = (
-                Vector(c, -s, self.zero),
-                Vector(s * number(ca), c * number(ca), number(-sa)),
-                Vector(s * number(sa), c * number(sa), number(ca)),
+            c, s = self.algebra.apply("cos", angle), self.algebra.apply("sin", angle)
+            rotation = _scalars(
+                [c, -s, self.zero],
+                [s * number(ca), c * number(ca), number(-sa)],
+                [s * number(sa), c * number(sa), number(ca)],
             )
-            shift = Vector(number(geometry.d[j]), length * number(-sa), length * number(ca))
+            shift = _scalars(number(geometry.d[j]), length * number(-sa), length * number(ca))
             if geometry.mounts:
                 mount = geometry.mounts[j]
                 cg, sg = (number(_clean(f(mount.gamma))) for f in (math.cos, math.sin))
-                turn = (
-                    Vector(cg, -sg, self.zero),
-                    Vector(sg, cg, self.zero),
-                    Vector(self.zero, self.zero, number(1.0)),
-                )
+                turn = _scalars([cg, -sg, self.zero], [sg, cg, self.zero], self.axis)
                 x, y, z = mount.shift
-                rotation = _product(turn, rotation)
-                shift = _transform(turn, shift).plus(Vector(number(x), number(y), number(z + mount.b)))
+                rotation = turn @ rotation
+                shift = turn @ shift + _scalars(number(x), number(y), number(z + mount.b))
             rotations.append(rotation)
             shifts.append(shift)
         return rotations, shifts
 
     def _body(self, link: int) -> Body:
-        xx, xy, xz, yy, yz, zz, mx, my, mz, m = (
-            self.value(f"{key}{link}") for key in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-        )
-        inertia = (Vector(xx, xy, xz), Vector(xy, yy, yz), Vector(xz, yz, zz))
-        return Body(inertia, Vector(mx, my, mz), m)
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = (self.value(f"{key}{link}") for key in INERTIAL)
+        return Body(_scalars([xx, xy, xz], [xy, yy, yz], [xz, yz, zz]), _scalars(mx, my, mz), m)
 
     def gravity(self) -> list[Any]:
         """Return the torques that hold the robot at rest, springs included, without friction (N.m or N)."""
@@ -211,13 +147,12 @@ class Equations:
         if term.law == "spring":
             return q
         if term.law in ("sine", "cosine"):
-            return algebra.sin(q) if term.law == "sine" else algebra.cos(q)
+            return algebra.apply(term.law[:3], q)
         a, b, phi, rest = term.values
         angle, moment = q + algebra.number(phi), algebra.number(a * b)
-        lever = moment * algebra.sin(angle)
-        slope = lever * algebra.inverse_root(
-            algebra.number(a * a + b * b) - moment * algebra.cos(angle) * algebra.number(2.0)
-        )
+        lever = moment * algebra.apply("sin", angle)
+        squared = algebra.number(a * a + b * b) - moment * algebra.apply("cos", angle) * algebra.number(2.0)
+        slope = lever * algebra.apply("inverse_root", squared)
         return slope if term.law == "cylinder" else lever - algebra.number(rest) * slope
 
     def torque(self, dq: Sequence[Any], ddq: Sequence[Any], z: Sequence[Any] = ()) -> list[Any]:
@@ -242,7 +177,7 @@ class Equations:
                 continue  # like gravity; those that remember; zero at the reference temperature
             j, parameter = term.joint, self.value(term.parameter)
             if term.law == "load":
-                friction[j] = friction[j] + parameter * signs[j] * self.algebra.magnitude(tau[j])
+                friction[j] = friction[j] + parameter * signs[j] * self.algebra.apply("abs", tau[j])
             else:
                 friction[j] = friction[j] + parameter * self.algebra.term(term, dq[j], signs[j])
         return self._sprung([a + b for a, b in zip(tau, friction, strict=True)])
@@ -254,12 +189,11 @@ class Equations:
         for j in range(self.n - 1, -1, -1):
             composite, before = composites[j], self.parents[j]
             if before is not None:
-                moved = composite.moved(self.rotations[j], self.shifts[j])
-                composites[before] = composites[before].plus(moved)
+                composites[before] += composite.moved(self.rotations[j], self.shifts[j])
             if self.turns[j]:  # torque for a unit acceleration of joint j
-                force, moment = self.axis.cross(composite.first), _transform(composite.inertia, self.axis)
+                force, moment = np.cross(self.axis, composite.first), composite.inertia @ self.axis
             else:
-                force, moment = self.axis.times(composite.mass), composite.first.cross(self.axis)
+                force, moment = self.axis * composite.mass, np.cross(composite.first, self.axis)
             outer = j
             for i in reversed(carriers(self.parents, j)):
                 if i < j:
@@ -294,30 +228,28 @@ class Equations:
     def _links(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
         """Return the torques of the links; gravity is an acceleration of the base."""
         number = self.algebra.number
-        omega = domega = Vector(self.zero, self.zero, self.zero)
-        x, y, z = self.robot.geometry.gravity
-        a = Vector(number(-x), number(-y), number(-z))
+        omega = domega = _scalars(self.zero, self.zero, self.zero)
+        a = _scalars(*(number(-g) for g in self.robot.geometry.gravity))
         base = (omega, domega, a)
-        motions: list[tuple[Vector, Vector, Vector]] = []
+        motions: list[tuple[Scalars, Scalars, Scalars]] = []
         wrenches = []
         for j, parent in enumerate(self.parents):
             omega, domega, a = base if parent is None else motions[parent]
-            back, t = _transposed(self.rotations[j]), self.shifts[j]
-            a = _transform(back, a.plus(domega.cross(t)).plus(omega.cross(omega.cross(t))))
-            omega, domega = _transform(back, omega), _transform(back, domega)
-            speed, gain = self.axis.times(dq[j]), self.axis.times(ddq[j])
+            back, t = self.rotations[j].T, self.shifts[j]
+            a = back @ (a + np.cross(domega, t) + np.cross(omega, np.cross(omega, t)))
+            omega, domega = back @ omega, back @ domega
+            speed, gain = self.axis * dq[j], self.axis * ddq[j]
             if self.turns[j]:
-                domega = domega.plus(omega.cross(speed)).plus(gain)
-                omega = omega.plus(speed)
+                domega = domega + np.cross(omega, speed) + gain
+                omega = omega + speed
             else:
-                a = a.plus(omega.cross(speed).times(number(2.0))).plus(gain)
+                a = a + np.cross(omega, speed) * number(2.0) + gain
             motions.append((omega, domega, a))
             body = self.bodies[j]
-            force = (
-                a.times(body.mass).plus(domega.cross(body.first)).plus(omega.cross(omega.cross(body.first)))
-            )
-            spin = omega.cross(_transform(body.inertia, omega))
-            moment = _transform(body.inertia, domega).plus(spin).plus(body.first.cross(a))
+            first = body.first
+            force = a * body.mass + np.cross(domega, first) + np.cross(omega, np.cross(omega, first))
+            spin = np.cross(omega, body.inertia @ omega)
+            moment = body.inertia @ domega + spin + np.cross(first, a)
             wrenches.append((force, moment))
         tau = [self.zero] * self.n
         for j in range(self.n - 1, -1, -1):
@@ -326,13 +258,13 @@ class Equations:
             parent = self.parents[j]
             if parent is not None:
                 force, moment = self._inwards(j, force, moment)
-                wrenches[parent] = (wrenches[parent][0].plus(force), wrenches[parent][1].plus(moment))
+                wrenches[parent] = (wrenches[parent][0] + force, wrenches[parent][1] + moment)
         return tau
 
-    def _inwards(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+    def _inwards(self, j: int, force: Scalars, moment: Scalars) -> tuple[Scalars, Scalars]:
         """Return a wrench of frame `j` in the frame of its antecedent."""
-        force, moment = _transform(self.rotations[j], force), _transform(self.rotations[j], moment)
-        return force, moment.plus(self.shifts[j].cross(force))
+        force, moment = self.rotations[j] @ force, self.rotations[j] @ moment
+        return force, moment + np.cross(self.shifts[j], force)
 
     def _friction(self, dq: Sequence[Any], signs: Sequence[Any], now: Sequence[Any]) -> list[Any]:
         """Return viscous and Coulomb friction; `signs` may be held at rest, `now` are instantaneous."""
@@ -340,7 +272,7 @@ class Equations:
         for j, (speed, sign) in enumerate(zip(dq, signs, strict=True)):
             name = f"{j + 1}"
             if self.robot.friction.model == "asymmetric":
-                forward, onward = self.algebra.positive(speed), self.algebra.positive(sign)
+                forward, onward = (self.algebra.apply("positive", value) for value in (speed, sign))
                 backward = speed - forward  # what is below zero
                 tau.append(
                     self.value(f"Fv{name}+") * forward

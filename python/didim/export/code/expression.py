@@ -7,17 +7,14 @@ Tested in ``tests/test_export_c.py``.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 Node = tuple[str, tuple[object, ...]]
 """Operation and its operands: numbers of other nodes, or the content of a leaf."""
 
-_FOLD: dict[str, Callable[..., float]] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "neg": lambda a: -a,
+FUNCTIONS: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
     "cos": math.cos,
     "tanh": math.tanh,
@@ -25,6 +22,15 @@ _FOLD: dict[str, Callable[..., float]] = {
     "exp": math.exp,
     "sqrt": math.sqrt,
     "abs": abs,
+}
+"""Functions by name, which have a value for constants."""
+
+_FOLD: dict[str, Callable[..., float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "neg": operator.neg,
+    **FUNCTIONS,
 }
 
 

@@ -56,11 +56,12 @@ class _Symbolic:
                 return self.sympy.Rational(near.numerator, near.denominator) * symbol
         return self.sympy.Float(value)
 
-    def sin(self, value: Any) -> Any:
-        return self.sympy.sin(value)
-
-    def cos(self, value: Any) -> Any:
-        return self.sympy.cos(value)
+    def apply(self, function: str, value: Any) -> Any:
+        if function == "positive":
+            return self.sympy.Max(value, 0)
+        if function == "inverse_root":
+            return 1 / self.sympy.sqrt(value)
+        return getattr(self.sympy, function.replace("abs", "Abs"))(value)
 
     def sign(self, joint: int, speed: Any) -> Any:
         friction = self.robot.friction
@@ -76,21 +77,14 @@ class _Symbolic:
         # No friction in the dead zone: the unit step, theta in LaTeX.
         return signed * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
-    def positive(self, value: Any) -> Any:
-        return self.sympy.Max(value, 0)
-
-    def magnitude(self, value: Any) -> Any:
-        return self.sympy.Abs(value)
-
-    def inverse_root(self, value: Any) -> Any:
-        return 1 / self.sympy.sqrt(value)
-
     def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
         if term.law == "atan":
             return self.sympy.atan(speed / self.number(term.velocity))
         if term.law == "stribeck":
             return sign * self.sympy.exp(-((speed / self.number(term.velocity)) ** 2))
-        return sign * self.sympy.sqrt(self.magnitude(speed)) if term.law == "root" else self.positive(speed)
+        if term.law == "root":
+            return sign * self.sympy.sqrt(self.sympy.Abs(speed))
+        return self.apply("positive", speed)
 
 
 def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
