@@ -16,7 +16,7 @@ from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 from didim.robot.urdf.description import read_description
 from didim.robot.urdf.reading import read_urdf
-from didim.robot.urdf.summation import bodies, made_up_bodies, random_states, torques_by_summation
+from didim.robot.urdf.summation import made_up_bodies, random_states, torques_by_summation
 from robots import random_motion
 from urdfs import GRIPPER_ARM, inertial_text, pinocchio_model, pinocchio_torques, random_urdf
 
@@ -152,7 +152,7 @@ def test_the_summation_is_pinocchios() -> None:
         [joint.kind for joint in chain.joints],
         chain.origins,
         chain.axes,
-        bodies(chain.groups, dict(description.links)),
+        chain.groups,
         np.array([0.0, 0.0, -9.81]),
         states,
     )

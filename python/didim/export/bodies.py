@@ -328,19 +328,17 @@ def lost_friction(
 
 
 def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
-    motors = []
-    for m, row in enumerate(np.array(robot.geometry.coupling)):
-        if f"Fvm{m + 1}" in values:
-            motors.append(
-                CoupledMotor(
-                    number=m,
-                    coefficients=row / row[m],
-                    rotor=values[f"Ia{m + 1}"],
-                    viscous=values[f"Fvm{m + 1}"],
-                    coulomb=values[f"Fcm{m + 1}"],
-                )
-            )
-    return motors
+    return [
+        CoupledMotor(
+            number=m,
+            coefficients=row / row[m],
+            rotor=values[f"Ia{m + 1}"],
+            viscous=values[f"Fvm{m + 1}"],
+            coulomb=values[f"Fcm{m + 1}"],
+        )
+        for m, row in enumerate(np.array(robot.geometry.coupling))
+        if f"Fvm{m + 1}" in values
+    ]
 
 
 def _left_out(

@@ -23,7 +23,7 @@ from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
 from ..robot.urdf.chain import Chain, choose_chain
-from ..robot.urdf.description import Description, read_description
+from ..robot.urdf.description import read_description
 from ..robot.urdf.xml_spans import Element, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
 from .drives import Drives, JointDrive
@@ -70,9 +70,17 @@ def to_urdf(robot: Robot, x: ArrayLike, urdf: str | Path, *, keep_lumped: bool =
         When `x` has another length, or a NaN.
     """
     data = urdf_bytes(robot, Path(urdf))
-    model = export_model(robot, x)
-    description, chain = described(robot, data, Path(urdf).name)
-    return edited(data, edits(data, Path(urdf).name, model, description, chain, keep_lumped))
+    return edited_urdf(robot, export_model(robot, x), data, Path(urdf).name, keep_lumped)
+
+
+def edited_urdf(robot: Robot, model: ExportModel, data: bytes, where: str, keep_lumped: bool) -> bytes:
+    """Return the content of a robot's URDF with the links and drives arranged for a file; errors as of `to_urdf`."""
+    places = robot.correspondence
+    assert places is not None
+    lock = {joint: value for joint, value in places.lock if joint not in robot.all_joint_names}
+    description = read_description(data, where)
+    chain = choose_chain(description, base=places.base, tip=places.tip, lock=lock).numbered()
+    return edited(data, edits(data, where, model, chain, keep_lumped))
 
 
 def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
@@ -92,19 +100,7 @@ def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
     return data
 
 
-def described(robot: Robot, data: bytes, where: str) -> tuple[Description, Chain]:
-    """Return the description in the URDF of a robot, and its chain."""
-    places = robot.correspondence
-    assert places is not None
-    description = read_description(data, where)
-    lock = {joint: value for joint, value in places.lock if joint not in robot.all_joint_names}
-    chain = choose_chain(description, base=places.base, tip=places.tip, lock=lock)
-    return description, chain.numbered()
-
-
-def edits(
-    data: bytes, where: str, model: ExportModel, description: Description, chain: Chain, keep_lumped: bool
-) -> list[Edit]:
+def edits(data: bytes, where: str, model: ExportModel, chain: Chain, keep_lumped: bool) -> list[Edit]:
     """Return the changes of a file, unsorted."""
     outermost = parse_xml(data, where)
     links = {element.attributes.get("name"): element for element in outermost.all("link")}
@@ -115,22 +111,16 @@ def edits(
         pseudo = body.pseudo.copy()
         untouched = []
         for member in group[1:]:
-            inertial = description.links[member.link]
-            if inertial is None:
+            if member.inertial is None:
                 continue
             if keep_lumped or member.locked:
-                pseudo -= member.pose @ inertial.pseudo @ member.pose.T
+                pseudo -= member.pseudo
                 untouched.append(member.link)
             else:
                 element = links[member.link].find("inertial")
                 assert element is not None
-                changes.append(
-                    Edit(
-                        element.start,
-                        element.end,
-                        f"<!-- inertial: part of link {_safe(body.link)} -->".encode(),
-                    )
-                )
+                note = f"<!-- inertial: part of link {_safe(body.link)} -->"
+                changes.append(Edit(element.start, element.end, note.encode()))
         reason = why_no_body(pseudo)
         if reason is not None:
             raise FitError(f"link {body.link!r} is not a body without {series(untouched, 30)}: {reason}")

@@ -17,7 +17,7 @@ from .bodies import export_model
 from .mjcf import mjcf_text
 from .report import ExportReport, compare_links
 from .sdf import no_drives, sdf_text
-from .urdf import described, edited, edits, urdf_bytes
+from .urdf import edited_urdf, urdf_bytes
 
 Format = Literal["urdf", "mjcf", "sdf"]
 
@@ -61,10 +61,8 @@ def export(
     model = export_model(robot, x)
     before = _of_description(robot)
     if form == "urdf":
-        path = Path("" if urdf is None else urdf)
-        data = urdf_bytes(robot, path)
-        description, chain = described(robot, data, path.name)
-        content = edited(data, edits(data, path.name, model, description, chain, keep_lumped))
+        path = Path(urdf or "")
+        content = edited_urdf(robot, model, urdf_bytes(robot, path), path.name, keep_lumped)
         sentences = [*model.left_out, *no_drives(model, "a URDF")]
     elif form == "mjcf":
         content, sentences = mjcf_text(model).encode(), list(model.left_out)

@@ -179,18 +179,15 @@ def simulable_cones(
         gains = -factor * np.diag([damping[j] for j in group])
         # With a coupled motor, slow joints may lower the rate that a slow shaft raises, so every corner is a condition.
         corners = (1.0, 0.0) if motors else (1.0,)
-        for sides in drives.choices(group):
-            for joints in itertools.product(corners, repeat=len(group)):
-                for shafts in itertools.product((1.0, 0.0), repeat=len(motors)):
-                    terms = drives.rotors(group)
-                    for more in (
-                        drives.viscous(group, sides),
-                        drives.slopes(group, sides, joints, shafts, v),
-                    ):
-                        for name, term in more.items():
-                            terms[name] = terms.get(name, 0.0) - factor * term
-                    condition = drives.cone("Ia", group, terms, gains)
-                    cones.setdefault((condition.indices, condition.basis.tobytes()), condition)
+        slow_joints = itertools.product(corners, repeat=len(group))
+        slow_shafts = itertools.product((1.0, 0.0), repeat=len(motors))
+        for sides, joints, shafts in itertools.product(drives.choices(group), slow_joints, slow_shafts):
+            terms = drives.rotors(group)
+            for more in (drives.viscous(group, sides), drives.slopes(group, sides, joints, shafts, v)):
+                for name, term in more.items():
+                    terms[name] = terms.get(name, 0.0) - factor * term
+            condition = drives.cone("Ia", group, terms, gains)
+            cones.setdefault((condition.indices, condition.basis.tobytes()), condition)
     return list(cones.values())
 
 

@@ -83,8 +83,7 @@ def linear_system(
         y_parts.append(_torques(part, signal))
         w = w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows]
         if logs is not None and not logs.simple:
-            known_payload = logs.base_known(part.recording)
-            payload_parts.append(np.zeros(w.shape[:2]) if known_payload is None else w @ known_payload)
+            payload_parts.append(w @ logs.base_known(part.recording))
             w = np.concatenate([w, w @ logs.base_columns(part.recording)], axis=2)
         w_parts.append(w)
     rows = sum(y.shape[1] for y in y_parts)

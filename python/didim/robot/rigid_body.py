@@ -40,7 +40,7 @@ def inverse(matrix: Array) -> Array:
     return pose(rotation, -rotation @ matrix[:3, 3])
 
 
-def skew(vector: Array) -> Array:
+def skew(vector: Array | Sequence[float]) -> Array:
     """Return the matrix of a cross product: ``skew(a) b = a x b``."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -113,14 +113,10 @@ class Currents:
         squares = np.bincount(self.motor, weights=errors**2, minlength=self.n_motors)
         return np.asarray(np.maximum(np.sqrt(squares / np.bincount(self.motor)), floor))
 
-    def ratio(self) -> tuple[Array, Array]:
-        """Solve for one gain K of all motors and the parameters divided by it: (q,) and 1/K, in which the problem is linear.
-
-        ``i = W (theta/K) + t/K`` is linear in both. The estimate is the start of the others and shows which motors run backwards.
-        """
-        a = np.column_stack([self.columns / self.scale, self.known / (np.linalg.norm(self.known) or 1.0)])
-        solution = np.linalg.lstsq(a, self.current, rcond=1e-10)[0]
-        return solution[:-1] / self.scale, solution[-1] / (np.linalg.norm(self.known) or 1.0)
+    def inverse_gain(self) -> float:
+        """Return 1/K of one gain K of all motors, the start of the others: ``i = W (theta/K) + t/K`` is linear in both."""
+        a, size = unit_columns(np.column_stack([self.columns, self.known]))
+        return float(np.linalg.lstsq(a, self.current, rcond=1e-10)[0][-1] / size[-1])
 
     def signs(self) -> Array:
         """Return the sign of each motor's gain, (n,), with which friction brakes."""

@@ -126,7 +126,7 @@ def first_gains(currents: Currents) -> Array:
         )
     signs = currents.signs()
     turned = replace(currents, current=currents.current * signs[currents.motor])
-    _, inverse = turned.ratio()
+    inverse = turned.inverse_gain()
     return signs / inverse if inverse > 0.0 else signs
 
 

@@ -210,10 +210,10 @@ class LogParameters:
             return np.zeros((self.n_base, self.n_further))
         return np.asarray(self.robot.base_parameters.matrix @ self.columns[recording])
 
-    def base_known(self, recording: int) -> Array | None:
-        """Return the contribution of the payload's known part to the base parameters, (b,), or None."""
-        known = self.known.get(recording)
-        return None if known is None else np.asarray(self.robot.base_parameters.matrix @ known)
+    def base_known(self, recording: int) -> Array:
+        """Return the contribution of the payload's known part to the base parameters, (b,)."""
+        matrix = self.robot.base_parameters.matrix
+        return np.asarray(matrix @ self.known.get(recording, np.zeros(matrix.shape[1])))
 
     def extended(self, x: Array, further: Mapping[str, float] | None = None) -> Array:
         """Return standard parameters, (p,) or already extended, with further ones by name; those without a value are zero."""
@@ -229,6 +229,7 @@ class _Builder:
 
     def __init__(self, robot: Robot, recordings: Sequence[Recording]) -> None:
         self.robot, self.recordings = robot, recordings
+        self.fitted = {number: each for number, each in enumerate(recordings) if each.role == "fit"}
         self.blocks: list[ColumnBlock] = []
         self.directions: list[tuple[Array, tuple[int, ...]]] = []
         self.known: dict[int, Array] = {}
@@ -266,38 +267,24 @@ class _Builder:
 
         If all recordings have their own, those of the first are the robot's, unless the robot is known (`referred` is False).
         """
-        fitted = [
-            (number, recording) for number, recording in enumerate(self.recordings) if recording.role == "fit"
-        ]
         key = {"offset": "offsets", "friction": "friction"}[kind]
-        owners = [(number, recording) for number, recording in fitted if key in recording.own]
+        owners = [(number, recording) for number, recording in self.fitted.items() if key in recording.own]
         if not owners:
             return
         kinds = ("Off",) if kind == "offset" else ("Fv", "Fc")
-        names = [
-            (parameter.name, unit)
-            for parameter, unit in zip(
-                self.robot.standard_parameters, self.robot.parameter_units, strict=True
-            )
-            if parameter.kind in kinds
-        ]
-        if not names:
+        chosen = [k for k, each in enumerate(self.robot.standard_parameters) if each.kind in kinds]
+        if not chosen:
             raise ExperimentError(
                 f"{owners[0][1].name}: own {key} need friction with such parameters, which robot {self.robot.name!r} has not"
             )
-        if referred and len(owners) == len(fitted):
+        if referred and len(owners) == len(self.fitted):
             self.reference[kind] = owners[0][1].name
             owners = owners[1:]
+        names, units = self.robot.parameter_names, self.robot.parameter_units
+        own_names, own_units = tuple(names[k] for k in chosen), tuple(units[k] for k in chosen)
         for number, recording in owners:
-            self.blocks.append(
-                ColumnBlock(
-                    kind, recording.name, tuple(name for name, _ in names), tuple(unit for _, unit in names)
-                )
-            )
-            for name, _ in names:
-                direction = np.zeros(len(self.robot.parameter_names))
-                direction[self.robot.parameter_names.index(name)] = 1.0
-                self.directions.append((direction, (number,)))
+            self.blocks.append(ColumnBlock(kind, recording.name, own_names, own_units))
+            self.directions += [(direction, (number,)) for direction in np.eye(len(names))[chosen]]
 
     def check(self) -> None:
         """Refuse further parameters that cannot be separated from those of the robot.
@@ -309,12 +296,11 @@ class _Builder:
         """
         if not self.directions:
             return
-        fitted = [number for number, recording in enumerate(self.recordings) if recording.role == "fit"]
         matrix = self.robot.base_parameters.matrix
         zero = np.zeros(len(matrix))
-        shared = [np.concatenate([column] * len(fitted)) for column in np.eye(len(matrix))]
+        shared = [np.concatenate([column] * len(self.fitted)) for column in np.eye(len(matrix))]
         own = [
-            np.concatenate([matrix @ direction if number in numbers else zero for number in fitted])
+            np.concatenate([matrix @ direction if number in numbers else zero for number in self.fitted])
             for direction, numbers in self.directions
         ]
         independent_columns = set(independent([*shared, *own]))
@@ -325,7 +311,7 @@ class _Builder:
         owner = lost[0][0].owner
         which = listing([name for block, name in lost if block.owner == owner], 30)
         if lost[0][0].kind == "payload":
-            if not any(self.recordings[number].payload == owner for number in fitted):
+            if not any(recording.payload == owner for recording in self.fitted.values()):
                 raise FitError(
                     f"no recording to fit has payload '{owner}', of which {which} are unknown: describe it under [payload], or fit "
                     "a recording with it"
@@ -346,7 +332,7 @@ class _Builder:
         FitError
             When some recordings to fit have torques, or other motors.
         """
-        fitted = [recording for recording in self.recordings if recording.role == "fit"]
+        fitted = list(self.fitted.values())
         for recording in fitted:
             if recording.drives != fitted[0].drives:
                 raise FitError(
@@ -362,14 +348,9 @@ class _Builder:
         """Return the assembled blocks."""
         columns: dict[int, Array] = {}
         for number in range(len(self.recordings)):
-            if any(number in numbers for _, numbers in self.directions):
-                columns[number] = np.stack(
-                    [
-                        direction if number in numbers else 0.0 * direction
-                        for direction, numbers in self.directions
-                    ],
-                    axis=1,
-                )
+            used = [number in numbers for _, numbers in self.directions]
+            if any(used):
+                columns[number] = np.stack([direction for direction, _ in self.directions], axis=1) * used
         return LogParameters(self.robot, tuple(self.blocks), columns, self.known, self.reference)
 
 

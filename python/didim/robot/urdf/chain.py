@@ -18,7 +18,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
-from .description import MOVING, Description, UrdfJoint
+from .description import MOVING, Description, Inertial, UrdfJoint
 
 LARGEST_CHAIN = 40
 """Largest number of joints of a robot."""
@@ -42,11 +42,19 @@ class Member:
         Its frame in that of the moving link.
     locked : bool
         Whether a locked joint, and not only fixed ones, lies between.
+    inertial : Inertial or None
+        Its inertia, if it has one.
     """
 
     link: str
     pose: Array
     locked: bool
+    inertial: Inertial | None
+
+    @property
+    def pseudo(self) -> Array:
+        """Pseudo-inertia (4, 4) in the frame of the moving link; zero without an inertia."""
+        return np.zeros((4, 4)) if self.inertial is None else self.pose @ self.inertial.pseudo @ self.pose.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +119,10 @@ class Chain:
         """Joints in the order of their numbers."""
         return tuple(sorted(range(len(self.joints)), key=lambda k: (self.joints[k].name in self.mimics, k)))
 
-    def pseudo_inertias(self, description: Description) -> list[Array]:
+    @property
+    def pseudo_inertias(self) -> list[Array]:
         """Pseudo-inertia (4, 4) of each group in the frame of its moving link."""
-        inertias = []
-        for group in self.groups:
-            total = np.zeros((4, 4))
-            for member in group:
-                inertial = description.links[member.link]
-                if inertial is not None:
-                    total += member.pose @ inertial.pseudo @ member.pose.T
-            inertias.append(total)
-        return inertias
+        return [np.sum([member.pseudo for member in group], axis=0) for group in self.groups]
 
 
 def choose_chain(
@@ -166,15 +167,12 @@ def choose_chain(
             raise RobotError(f"{where}: there is no link {link!r} ({option}){hint}")
     base = description.root if base is None else base
     tip = _tip(description, base, lock) if tip is None else tip
+    path = _branches(description, base) if tip == WHOLE else description.path(base, tip)
+    if path is None:
+        raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
+    moving = [joint for joint in path if _free(joint, lock)]
     if tip == WHOLE:
-        path = _branches(description, base)
-        moving = _heaviest(description, [joint for joint in path if _free(joint, lock)])
-    else:
-        links_between = description.path(base, tip)
-        if links_between is None:
-            raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
-        path = links_between
-        moving = [joint for joint in path if _free(joint, lock)]
+        moving = _heaviest(description, moving)
     mimics = _mimics(joints, moving, lock)
     moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
     _check_joints(description, moving)
@@ -297,7 +295,7 @@ def _assemble(
 
     def gather(link: str) -> tuple[Member, ...]:
         """All links that move with one, itself first."""
-        group = [Member(link, np.eye(4), False)]
+        group = [Member(link, np.eye(4), False, description.links[link])]
         for member in group:  # the list grows during the loop
             for joint in description.outgoing.get(member.link, ()):
                 if joint.name in names:
@@ -305,7 +303,8 @@ def _assemble(
                 if joint.moves:
                     locked[joint.name] = lock.get(joint.name, 0.0)
                 frame = member.pose @ _still(joint, lock)
-                group.append(Member(joint.child, frame, member.locked or joint.moves))
+                inertial = description.links[joint.child]
+                group.append(Member(joint.child, frame, member.locked or joint.moves, inertial))
         return tuple(group)
 
     origins: list[Array] = []
@@ -322,9 +321,8 @@ def _assemble(
             groups.append(gather(joint.child))
         else:
             carried[joint.child] = (parent, frame @ _still(joint, lock))
-    before = description.path(description.root, base) or []
     base_pose = np.eye(4)
-    for joint in before:
+    for joint in description.path(description.root, base) or []:
         base_pose = base_pose @ _still(joint, lock)
     # Joints before the first moving one are locked too.
     for joint in path:

@@ -231,8 +231,9 @@ def read_description(data: bytes, where: str) -> Description:
         name = _name(element, where)
         if name in links:
             raise RobotError(f"{where}: line {element.line}: there are two links {name!r}")
-        lacks = _lacks(element.find("inertial"))
-        links[name] = None if lacks else _inertial(element, f"{where}: link {name!r}:")
+        inertial = element.find("inertial")
+        lacks = inertial and _lacks(inertial)
+        links[name] = None if inertial is None or lacks else _inertial(inertial, f"{where}: link {name!r}:")
         if lacks:
             notes.append(f"the <inertial> of link {name} is left out: {lacks}")
     joints: dict[str, UrdfJoint] = {}
@@ -340,10 +341,8 @@ def _number(element: Element | None, key: str, where: str) -> float:
     return _numbers(element, key, (0.0,), where)[0]
 
 
-def _lacks(inertial: Element | None) -> str | None:
+def _lacks(inertial: Element) -> str | None:
     """Return the missing part of an ``<inertial>``, or None if it is complete: exporters may write half of it, or NaN."""
-    if inertial is None:
-        return None
     wanted = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
     for tag, keys in wanted.items():
         element = inertial.find(tag)
@@ -363,10 +362,7 @@ def frame_of(element: Element, where: str) -> Array:
     return pose(rotation_of(_numbers(origin, "rpy", zero, where)), _numbers(origin, "xyz", zero, where))
 
 
-def _inertial(link: Element, where: str) -> Inertial | None:
-    element = link.find("inertial")
-    if element is None:
-        return None
+def _inertial(element: Element, where: str) -> Inertial:
     mass, inertia = element.find("mass"), element.find("inertia")
     diagonal = [_number(inertia, key, where) for key in ("ixx", "iyy", "izz")]
     xy, xz, yz = (_number(inertia, key, where) for key in ("ixy", "ixz", "iyz"))

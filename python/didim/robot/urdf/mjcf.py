@@ -21,7 +21,7 @@ from ..._tools.inputs import read_small_file
 from ..._tools.words import brief, counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
-from ..rigid_body import central, pose, turn
+from ..rigid_body import central, pose, skew, turn
 from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
@@ -140,7 +140,8 @@ class Reader:
             self._connect(joint, parent, child, at_zero)
             parent, origin = child, pose(np.eye(3), -anchor)
         if parent != name:
-            self._connect(_fixed(f"{name}_fixed"), parent, name, origin)
+            nothing = UrdfJoint(f"{name}_fixed", "fixed", "", "", np.eye(4), np.array([0.0, 0.0, 1.0]))
+            self._connect(nothing, parent, name, origin)
         self.links[name] = self._inertial(body, name, childclass)
         self.walk(body, name, np.eye(4), childclass)
 
@@ -288,7 +289,11 @@ def read_mjcf(data: bytes, path: Path) -> Description:
             gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
     weightless, notes = world_notes(sections)
     gravity = 0.0 * gravity if weightless else gravity
-    driven, unread = _with_actuators(sections, reader, where)
+    actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
+    driven = dict(reader.joints)
+    for child, joint in reader.joints.items():
+        if (actuator := actuators.get(joint.name)) is not None:
+            driven[child] = replace(joint, actuator=actuator, effort=actuator.effort)
     joints = tied(sections, driven, where)
     outgoing = {
         link: tuple(joints[joint.child] for joint in children) for link, children in reader.outgoing.items()
@@ -357,30 +362,12 @@ def _included(element: Element, main: Path, above: tuple[Path, ...]) -> list[Ele
     return inside
 
 
-def _with_actuators(
-    sections: list[Element], reader: Reader, where: str
-) -> tuple[dict[str, UrdfJoint], list[str]]:
-    """Return the joints with their actuators, and sentences on unsupported actuators."""
-    actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
-    joints = {
-        child: replace(joint, actuator=actuator, effort=actuator.effort)
-        if (actuator := actuators.get(joint.name)) is not None
-        else joint
-        for child, joint in reader.joints.items()
-    }
-    return joints, unread
-
-
 def _beyond(text: str) -> bool:
     """Whether a damping is finite and beyond the largest number of a parameter: the joint is meant to stand still."""
     try:
         return LARGEST < float(text) < math.inf
     except ValueError:
         return False
-
-
-def _fixed(name: str) -> UrdfJoint:
-    return UrdfJoint(name, "fixed", "", "", origin=np.eye(4), axis=np.array([0.0, 0.0, 1.0]))
 
 
 def _together(inertials: list[Inertial]) -> Inertial | None:
@@ -401,11 +388,6 @@ def _scaled(links: Mapping[str, Inertial | None], mass: float) -> dict[str, Iner
 
 
 def _of_quaternion(values: Array) -> Array:
-    w, x, y, z = direction_of(values)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, *vector = direction_of(values)
+    cross = skew(vector)
+    return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))

@@ -26,12 +26,12 @@ from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
 from ..robot import Geometry, JointLimits, Robot
 from ..transmission import Follower
-from .chain import LARGEST_CHAIN, WHOLE, Chain, choose_chain
+from .chain import LARGEST_CHAIN, WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
 from .description import MOVING, Description, read_description
 from .mjcf import read_mjcf
 from .snap import NearlyRight, Snapped, snap_chain
-from .summation import Body, bodies, made_up_bodies, random_states, torques_by_summation
+from .summation import made_up_bodies, random_states, torques_by_summation
 from .xml_spans import parse_xml
 
 URDF_SET = "urdf"
@@ -118,9 +118,8 @@ def read_urdf(
     snapped = snap_chain(chain.origins, chain.axes, down / size if size else down, snap, chain.parents)
     suspicion = _nearly_right(chain, snapped.left, where)
     notes = [*description.notes, *_locked(chain, description, lock or {})]
-    links = bodies(chain.groups, dict(description.links))
-    made_up = not any(body.inertial.pseudo.any() for group in links for body in group)
-    links = made_up_bodies(len(chain.joints)) if made_up else links
+    made_up = not any(member.pseudo.any() for group in chain.groups for member in group)
+    links = made_up_bodies(len(chain.joints)) if made_up else chain.groups
     table, exact, as_written = _table(chain, snapped, links, down, where)
     geometry = _geometry(chain, table, down)
     if snapped.joints:
@@ -137,7 +136,7 @@ def read_urdf(
         notes.append(f"joints that follow others, with their leaders: {names}")
     actuators = tuple(joint.actuator for joint in chain.joints)
     springs = _springs(chain)
-    named, missing = _parameters(description, chain, table, set_name, springs)
+    named, missing = _parameters(chain, table, set_name, springs)
     robot = Robot(
         name=description.name or path.stem,
         description=f"from {where}",
@@ -162,7 +161,7 @@ def read_urdf(
 
 
 def _table(
-    chain: Chain, snapped: Snapped, links: Sequence[Sequence[Body]], down: Array, where: str
+    chain: Chain, snapped: Snapped, links: Sequence[Sequence[Member]], down: Array, where: str
 ) -> tuple[MdhTable, float, float]:
     """Return the frames of a chain, and the differences of its torques exactly and as written in the file."""
     as_given = as_they_are(snapped.origins, snapped.axes, chain.parents)
@@ -306,14 +305,13 @@ def _limits(chain: Chain) -> tuple[JointLimits, ...]:
 
 
 def _parameters(
-    description: Description,
     chain: Chain,
     table: MdhTable,
     set_name: str,
     springs: Mapping[int, tuple[float, float]],
 ) -> tuple[dict[str, float], list[str]]:
     """Return the standard parameters of the file by name, and sentences on missing ones."""
-    pseudos = chain.pseudo_inertias(description)
+    pseudos = chain.pseudo_inertias
     names = [group[0].link for group in chain.groups]
     # The links between the joints of one body of an MJCF have no inertia, and need none.
     between = set_name == MJCF_SET and any(pseudo.any() for pseudo in pseudos)
@@ -374,7 +372,7 @@ def _self_test(
     chain: Chain,
     snapped: Snapped,
     table: MdhTable,
-    links: Sequence[Sequence[Body]],
+    links: Sequence[Sequence[Member]],
     down: Array,
 ) -> tuple[float, float]:
     """Largest difference to direct summation, with the angles snapped and as written, over each joint's largest torque."""
@@ -382,9 +380,11 @@ def _self_test(
     states = random_states(n)
     x = np.zeros(14 * n)
     for j, (group, pose) in enumerate(zip(links, table.link_poses, strict=True)):
-        for body in group:
-            inertial = body.inertial
-            pseudo = body_pseudo_inertia(inertial.mass, inertial.inertia, pose @ body.pose @ inertial.frame)
+        for member in group:
+            if (inertial := member.inertial) is None:
+                continue
+            frame = pose @ member.pose @ inertial.frame
+            pseudo = body_pseudo_inertia(inertial.mass, inertial.inertia, frame)
             x[14 * j : 14 * j + len(INERTIAL)] += ten_parameters(pseudo)
     tau = _core.inverse_dynamics(geometry.core(Friction.plain(n)), states.q, states.dq, states.ddq, x)
     differences = []

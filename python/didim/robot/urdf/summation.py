@@ -23,14 +23,6 @@ STATES = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
-    """A link that moves with a joint: its inertia, and the pose of its frame in that of the moving link."""
-
-    inertial: Inertial
-    pose: Array
-
-
-@dataclass(frozen=True, eq=False)
 class States:
     """Positions, velocities and accelerations, (n_states, n_dof) each (rad or m)."""
 
@@ -46,16 +38,7 @@ def random_states(n_dof: int) -> States:
     return States(rng.uniform(-3.0, 3.0, shape), rng.uniform(-2.0, 2.0, shape), rng.uniform(-5.0, 5.0, shape))
 
 
-def bodies(groups: Sequence[Sequence[Member]], links: dict[str, Inertial | None]) -> list[list[Body]]:
-    """Return the links with inertia of each group."""
-    bodies_so_far = []
-    for group in groups:
-        pairs = ((links[member.link], member.pose) for member in group)
-        bodies_so_far.append([Body(inertial, pose) for inertial, pose in pairs if inertial is not None])
-    return bodies_so_far
-
-
-def made_up_bodies(n_dof: int) -> list[list[Body]]:
+def made_up_bodies(n_dof: int) -> list[list[Member]]:
     """Return one body per joint, for files without inertias; each link has its own mass, centre and moments."""
     made_up = []
     for joint in range(n_dof):
@@ -64,7 +47,8 @@ def made_up_bodies(n_dof: int) -> list[list[Body]]:
         inertia = np.array(
             [[0.05, 0.004, -0.003], [0.004, 0.04, 0.002], [-0.003, 0.002, 0.03 + 0.002 * joint]]
         )
-        made_up.append([Body(Inertial(4.0 - 0.4 * joint / n_dof, frame, inertia), np.eye(4))])
+        inertial = Inertial(4.0 - 0.4 * joint / n_dof, frame, inertia)
+        made_up.append([Member("", np.eye(4), False, inertial)])
     return made_up
 
 
@@ -72,7 +56,7 @@ def torques_by_summation(
     kinds: Sequence[str],
     origins: Sequence[Array],
     axes: Sequence[Array],
-    links: Sequence[Sequence[Body]],
+    links: Sequence[Sequence[Member]],
     gravity: Array,
     states: States,
     parents: Sequence[int | None] | None = None,
@@ -85,8 +69,8 @@ def torques_by_summation(
         Type of each joint.
     origins, axes
         As in `Chain`.
-    links : sequence of sequence of Body
-        Bodies that move with each joint.
+    links : sequence of sequence of Member
+        Links that move with each joint.
     gravity : (3,) array
         Acceleration of gravity in the base (m/s^2).
     states : States
@@ -131,11 +115,14 @@ def torques_by_summation(
             rotation = rotation @ _turns(axes[joint], states.q[:, joint])
             turning = turning + axis * ddq + np.cross(speed, axis * dq)
             speed = speed + axis * dq
-        motions.append((rotation, position, speed, turning, acceleration))
+        motion = (rotation, position, speed, turning, acceleration)
+        motions.append(motion)
         joint_places.append(position)
         joint_axes.append(axis)
-        for body in links[joint]:
-            force, moment, centre = _effort(body, rotation, position, speed, turning, acceleration)
+        for inertial, frame in ((member.inertial, member.pose) for member in links[joint]):
+            if inertial is None:
+                continue
+            force, moment, centre = _effort(inertial, frame @ inertial.frame, *motion)
             for i in carriers(parents, joint):
                 slides = kinds[i] == "prismatic"
                 effect = force if slides else moment + np.cross(centre - joint_places[i], force)
@@ -144,16 +131,19 @@ def torques_by_summation(
 
 
 def _effort(
-    body: Body, rotation: Array, position: Array, speed: Array, turning: Array, acceleration: Array
+    inertial: Inertial,
+    frame: Array,
+    rotation: Array,
+    position: Array,
+    speed: Array,
+    turning: Array,
+    acceleration: Array,
 ) -> tuple[Array, Array, Array]:
     """Return force on a body, moment about its centre of mass, and this centre, (n_states, 3) each."""
-    frame = body.pose @ body.inertial.frame
     arm = rotation @ frame[:3, 3]
-    force = body.inertial.mass * (
-        acceleration + np.cross(turning, arm) + np.cross(speed, np.cross(speed, arm))
-    )
+    force = inertial.mass * (acceleration + np.cross(turning, arm) + np.cross(speed, np.cross(speed, arm)))
     to_body = rotation @ frame[:3, :3]
-    inertia = to_body @ body.inertial.inertia @ np.swapaxes(to_body, 1, 2)
+    inertia = to_body @ inertial.inertia @ np.swapaxes(to_body, 1, 2)
     moment = np.einsum("sij,sj->si", inertia, turning)
     moment += np.cross(speed, np.einsum("sij,sj->si", inertia, speed))
     return force, moment, position + arm
