@@ -7,11 +7,11 @@ half a step early. `for_step` takes both off. Tested in ``tests/test_export_driv
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from .._tools.words import columned, series
+from .._tools.words import columned, did_you_mean, series
 from ..errors import FitError
 from ..experiment.unknown import SOFT
 from ..result.identification import Identification
@@ -106,6 +106,18 @@ class Drives:
     joints: tuple[JointDrive, ...]
     sentences: tuple[str, ...] = ()
     followers: tuple[JointDrive, ...] = ()
+
+    @property
+    def every(self) -> tuple[JointDrive, ...]:
+        """All drives, those of coupled joints last."""
+        return (*self.joints, *self.followers)
+
+    def check_joints(self, known: Collection[str], where: str) -> None:
+        """Refuse drives of joints that a file has not."""
+        for drive in self.every:
+            if drive.joint not in known:
+                hint = did_you_mean(drive.joint, known)
+                raise FitError(f"{where}: there is no joint {drive.joint!r}{hint}")
 
     def without_springs(self) -> Drives:
         """Return the same drives for a format without springs, with a sentence on those left out."""

@@ -17,17 +17,15 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
-from .._tools.words import did_you_mean, listing
+from .._tools.words import listing
 from ..errors import FitError
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
 from ..robot.transmission import LARGEST_IMPEDANCE
-from ..robot.urdf.actuators import Setting
 from ..robot.urdf.drive_elements import DriveElements, drive_elements
 from ..robot.urdf.mjcf import LEAST_IMPEDANCE
 from ..robot.urdf.reading import MJCF_SET
-from ..robot.urdf.xml_spans import Element
 from .drives import Drives, JointDrive, for_step
 from .numbers import number, numbers
 from .urdf import Edit, attribute_edit, edited
@@ -62,11 +60,8 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
     """
     data = read_small_file(path, FitError)
     elements = drive_elements(data, path)
-    for drive in (*drives.joints, *drives.followers):
-        if drive.joint not in elements.joints:
-            raise FitError(
-                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, elements.joints)}"
-            )
+    drives.check_joints(elements.joints, path.name)
+    for drive in drives.every:
         if drive.joint not in elements.elements:
             raise FitError(f"{path.name}: joint {drive.joint!r} is in an included file; export into that one")
     motors = [
@@ -84,7 +79,7 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
         )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
-    for drive in (*drives.joints, *drives.followers):
+    for drive in drives.every:
         edits += _joint_edits(data, elements, drive)
         if drive.joint in elements.settings and drive.kp is not None:
             edits += _actuator_edits(data, elements, drive)
@@ -132,13 +127,9 @@ def _actuator_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> 
             attribute_edit(data, element, "biasprm", numbers([0.0, -kp, -kv])),
         ]
     if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
-        edits.append(_limit(data, element, setting, drive.effort))
+        force = drive.effort / setting.gear
+        edits.append(attribute_edit(data, element, "forcerange", numbers([-force, force])))
     return edits
-
-
-def _limit(data: bytes, element: Element, setting: Setting, effort: float) -> Edit:
-    force = effort / setting.gear
-    return attribute_edit(data, element, "forcerange", numbers([-force, force]))
 
 
 def _same(before: float, new: float) -> bool:

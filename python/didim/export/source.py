@@ -86,10 +86,8 @@ def exported_parameters(
         x = load_parameters(model, parameters) if is_file(parameters) else model.parameter_set(parameters)
         return Source(model, x, model.notes)
     result = Identification.load(fit)
-    model = _robot_of(result, fit, robot, urdf)
-    model = _with_terms(model, result)
-    if further_terms:
-        model = _as_fitted(model, result)
+    found = _candidate(result, fit, urdf) if robot is None else load_robot(robot)
+    model = _with_friction(found, result, as_fitted=further_terms)
     x, notes = _by_name(result, result.parameters, model, fit)
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
@@ -104,14 +102,20 @@ def exported_parameters(
     return Source(model, x, (*model.notes, *notes), chosen.from_prior)
 
 
-def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
-    """Return the robot of a result."""
-    robot_of_fit = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
-    used = fit.settings.get("robot", {}).get("friction", {})
-    options = {key: used[key] for key in ("model", "coulomb", "coupling") if key in used}
+def _with_friction(robot: Robot, fit: Identification, *, as_fitted: bool) -> Robot:
+    """Return the robot with the friction of a result, as needed by its base parameters; its sign and dead zones if `as_fitted`."""
+    saved = fit.settings.get("robot", {}).get("friction", {})
+    options = {key: saved[key] for key in ("model", "coulomb", "coupling") if key in saved}
     if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters
         options["coulomb"] = "sign"
-    return robot_of_fit.with_friction(**options)
+    robot = robot.with_friction(**options)
+    if saved.get("terms"):
+        robot = robot.with_terms(Friction.terms_of(saved["terms"]))
+    if as_fitted and {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
+        smoothing, dead_zone = (tuple(map(float, saved[key])) for key in ("smoothing", "dead_zone"))
+        shape = replace(robot.friction, coulomb=saved["coulomb"], smoothing=smoothing, dead_zone=dead_zone)
+        robot = replace(robot, friction=shape)
+    return robot
 
 
 def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
@@ -134,24 +138,6 @@ def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
         )
     wanted = f"its robot file {names[0]!r} is" if names else "its robot is"
     raise FitError(f"{path.name}: {wanted} not beside it; say where it is: --robot ROBOT")
-
-
-def _with_terms(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the further friction terms of a result, as needed by its base parameters."""
-    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms", ())
-    return (
-        replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
-    )
-
-
-def _as_fitted(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the friction sign and dead zones of a result."""
-    saved = fit.settings.get("robot", {}).get("friction", {})
-    if not {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
-        return robot
-    smoothing, dead_zone = (tuple(map(float, saved[key])) for key in ("smoothing", "dead_zone"))
-    shape = replace(robot.friction, coulomb=saved["coulomb"], smoothing=smoothing, dead_zone=dead_zone)
-    return replace(robot, friction=shape)
 
 
 def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[Array, list[str]]:

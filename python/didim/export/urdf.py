@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
-from .._tools.words import did_you_mean, series
+from .._tools.words import series
 from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
@@ -176,12 +176,9 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
     read_description(data, path.name)
     newline = b"\r\n" if b"\r\n" in data else b"\n"
     joints = {str(joint.attributes.get("name")): joint for joint in parse_xml(data, path.name).all("joint")}
+    drives.check_joints(joints, path.name)
     changes: list[Edit] = []
-    for drive in (*drives.joints, *drives.followers):
-        if drive.joint not in joints:
-            raise FitError(
-                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, joints)}"
-            )
+    for drive in drives.every:
         changes += _dynamics(data, joints[drive.joint], drive, newline)
     return edited(data, changes)
 

@@ -18,6 +18,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import RobotError
 from ..robot.friction import OF_POSITION, OF_TEMPERATURE, STIFF
+from ..robot.placement import joined
 from ..robot.robot import Robot
 from .consistency import Cone, cone, places_of
 
@@ -55,7 +56,7 @@ class Drives:
         self.terms = robot.friction.terms
         self.places = places_of(robot)
         self.coupled = [m for m in range(robot.n_dof) if np.count_nonzero(self.coupling[m]) > 1]
-        self.groups = _groups(self.coupling)
+        self.groups = joined(robot.n_dof, np.argwhere(coupling).tolist())
         for group in self.groups:
             if len(group) > LARGEST_GROUP:
                 raise RobotError(
@@ -283,14 +284,6 @@ def _power(drives: Drives, group: Sequence[int], speed: Array, sign: Array) -> d
         torque = shaft * row if drives.shaft_friction else shaft * unit + joint * (row - unit)
         power[f"Fcm{m + 1}"] = float(torque @ speed - joint * speed[own])
     return power
-
-
-def _groups(coupling: Array) -> list[tuple[int, ...]]:
-    group = list(range(len(coupling)))
-    for row in coupling:
-        members = {group[j] for j in np.flatnonzero(row)}
-        group = [min(members) if number in members else number for number in group]
-    return [tuple(j for j, number in enumerate(group) if number == first) for first in sorted(set(group))]
 
 
 def _units(group: Sequence[int]) -> list[Array]:

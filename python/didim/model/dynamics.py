@@ -276,7 +276,14 @@ def _temperature(robot: Robot, value: ArrayLike) -> Array:
     return _matrix(robot, "temperature", np.tile(array[:, None], robot.n_dof) if array.ndim == 1 else array)
 
 
-def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
+def per_joint(robot: Robot, name: str, value: ArrayLike) -> Array:
+    """Return a signal of all driven joints, ``(n_samples, n_dof)``.
+
+    Raises
+    ------
+    ShapeError
+        For an array of another shape (``tests/test_arrays.py``).
+    """
     array = real_array(name, value, ShapeError)
     if array.ndim != 2 or array.shape[1] != robot.n_dof:
         hint = "; transpose it?" if array.ndim == 2 and array.shape[0] == robot.n_dof else ""
@@ -284,6 +291,11 @@ def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
             f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
             f"got {array.shape}{hint}"
         )
+    return array
+
+
+def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
+    array = per_joint(robot, name, value)
     # The core reports numbers that are not finite.
     if name != "q" or surely_within(array, LARGEST_POSITION):
         return array

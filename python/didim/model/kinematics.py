@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._tools.arrays import Array, real_array
+from .._tools.arrays import Array
 from ..errors import ShapeError
 from ..robot.robot import Robot
 from ..robot.transmission import joint_motion
+from .dynamics import per_joint
 
 
 def frames(robot: Robot, q: ArrayLike) -> Array:
@@ -36,12 +37,7 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
     ShapeError
         For positions of another shape, or that are not finite.
     """
-    positions = real_array("q", q, ShapeError)
-    n = robot.n_dof
-    if positions.ndim != 2 or positions.shape[1] != n:
-        raise ShapeError(
-            f"q must have shape (n_samples, {n}) for robot {robot.name!r}, got {positions.shape}"
-        )
+    positions = per_joint(robot, "q", q)
     if not np.isfinite(positions).all():
         sample, joint = np.argwhere(~np.isfinite(positions))[0]
         raise ShapeError(f"q of joint {joint + 1} is {positions[sample, joint]} at sample {sample}")

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.placement import Mount
+from ..robot.placement import Mount, joined
 from ..robot.robot import Robot
 
 REMEMBERED = 8
@@ -65,25 +65,14 @@ def links_with(robot: Robot, joints: Iterable[int]) -> tuple[int, ...]:
 @lru_cache(maxsize=REMEMBERED)
 def _limbs_of(robot: Robot) -> tuple[Limb, ...]:
     geometry = robot.geometry
-    group = list(range(robot.n_joints))
-    coupling = np.array(geometry.coupling) != 0.0
-
-    def merge(a: int, b: int) -> None:
-        low, high = sorted((group[a], group[b]))
-        group[:] = [low if g == high else g for g in group]
-
-    for joint, parent in enumerate(geometry.parents):
-        if parent is not None:
-            merge(joint, parent)
-    for a, b in np.argwhere(coupling | coupling.T):
-        merge(int(a), int(b))
-    for joint, follower in enumerate(geometry.followers, start=robot.n_dof):
-        for leader, _ in follower.leaders:
-            merge(joint, leader)
-    return tuple(
-        limb_of(robot, tuple(joint for joint, other in enumerate(group) if other == first))
-        for first in dict.fromkeys(group)
-    )
+    carried = [(joint, parent) for joint, parent in enumerate(geometry.parents) if parent is not None]
+    led = [
+        (joint, leader)
+        for joint, follower in enumerate(geometry.followers, start=robot.n_dof)
+        for leader, _ in follower.leaders
+    ]
+    pairs = [*carried, *np.argwhere(geometry.coupling).tolist(), *led]
+    return tuple(limb_of(robot, joints) for joints in joined(robot.n_joints, pairs))
 
 
 def limb_of(robot: Robot, joints: tuple[int, ...]) -> Limb:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .._tools.words import counted, series
@@ -349,9 +350,7 @@ def _shared(own: Array, covariance: Array) -> tuple[tuple[float, float], tuple[f
     return (float(common), float(error)), tuple(joints.tolist())
 
 
-def _mean(
-    own: Array, covariance: Array, chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> tuple[float, float]:
+def _mean(own: Array, covariance: Array, chosen: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the mean of some delays, weighted by inverse variances, and its standard deviation."""
     some = np.flatnonzero(chosen)
     variances = np.maximum(np.diag(covariance)[some], 1e-300)

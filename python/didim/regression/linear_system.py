@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from .._tools.words import counted
 from ..errors import CoreErrorsAs, FitError
 from ..model.dynamics import rigid_torque
 from ..model.memory import memory_columns
+from ..robot.placement import joined
 from ..robot.robot import Robot
 from ..signal.decimation import Stage, decimate, decimation_stages, row_values
 from ..signal.noise import noise_correlation
@@ -349,12 +351,9 @@ def independent(
     joint_columns: Sequence[NDArray[np.intp]],
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Return groups of joints and of columns, (k,) each, that share none, by the columns of each joint; in the order of joints."""
-    groups: list[tuple[set[int], set[int]]] = []
-    for joint, columns in enumerate(joint_columns):
-        joints, own = {joint}, set(columns.tolist())
-        for group in [group for group in groups if group[1] & own]:
-            groups.remove(group)
-            joints, own = joints | group[0], own | group[1]
-        groups.append((joints, own))
-    groups.sort(key=lambda group: min(group[0]))
-    return [(np.array(sorted(joints)), np.array(sorted(own), dtype=np.intp)) for joints, own in groups]
+    own = [set(columns.tolist()) for columns in joint_columns]
+    shared = [(a, b) for a, b in combinations(range(len(own)), 2) if own[a] & own[b]]
+    return [
+        (np.array(joints), np.array(sorted(set().union(*(own[k] for k in joints))), dtype=np.intp))
+        for joints in joined(len(own), shared)
+    ]

@@ -14,6 +14,7 @@ from .._tools.arrays import Array, quotient, real_array
 from .._tools.settings import whole
 from .._tools.words import series
 from ..errors import CoreErrorsAs, FitError, RankError, ShapeError
+from ..model.dynamics import per_joint
 from ..robot.robot import Robot
 from .least_squares import dependence_sentence
 from .selection import select
@@ -264,11 +265,7 @@ class Recursive:
         self._triangles.fold(w.transpose(2, 1, 0), y.T)
 
     def _matrix(self, name: str, value: ArrayLike) -> Array:
-        array = np.ascontiguousarray(real_array(name, value, ShapeError))
-        if array.ndim != 2 or array.shape[1] != self.robot.n_dof:
-            raise ShapeError(
-                f"{name} must have shape (n_samples, {self.robot.n_dof}) for robot {self.robot.name!r}, got {array.shape}"
-            )
+        array = np.ascontiguousarray(per_joint(self.robot, name, value))
         if not np.isfinite(array).all():
             sample, joint = np.argwhere(~np.isfinite(array))[0]
             raise ShapeError(

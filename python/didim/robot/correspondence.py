@@ -192,12 +192,8 @@ def read_origins(table: Table) -> dict[str, Origin]:
     for name in table.content:
         part = table.table(name)
         origins[name] = Origin(
-            data=part.text("data"),
-            licence=part.text("licence"),
-            file=part.text("file"),
-            sha256=part.text("sha256"),
+            **{key: part.text(key) for key in ("data", "licence", "file", "sha256", "verdict")},
             commands=tuple(part.texts("commands")),
-            verdict=part.text("verdict"),
             missed_percent=part.number("missed_percent"),
         )
         part.done()

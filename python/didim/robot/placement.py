@@ -8,7 +8,7 @@ angles are Euler's (z, x, z), and the shift is the translation. Tested in ``test
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +65,15 @@ def limbs(parents: Sequence[int | None]) -> tuple[tuple[int, ...], ...]:
         else:
             limbs_so_far.append([joint])
     return tuple(tuple(limb) for limb in limbs_so_far)
+
+
+def joined(count: int, pairs: Iterable[Sequence[int]]) -> list[tuple[int, ...]]:
+    """Return the groups of the numbers below `count` that pairs of them join, in the order of their first ones."""
+    group = list(range(count))
+    for a, b in pairs:
+        low, high = sorted((group[a], group[b]))
+        group = [low if number == high else number for number in group]
+    return [tuple(k for k, number in enumerate(group) if number == first) for first in dict.fromkeys(group)]
 
 
 def chain(n_dof: int) -> tuple[Mount, ...]:

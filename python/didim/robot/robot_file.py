@@ -151,8 +151,7 @@ def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
 def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     if table.integer("schema") != 1:
         raise RobotError(f"{path.name}: schema must be 1")
-    name, description = table.text("name", path.stem), table.text("description")
-    convention, gravity = table.text("convention"), table.numbers("gravity_m_s2", 3)
+    convention = table.text("convention")
     angles.follow_file(table.number("snap_rad", None))
     joints = _joints(table)
     kinds = tuple(joint.text("kind") for joint in joints)
@@ -170,26 +169,24 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
     if standard is not None:
         alpha, d = standard.rows
-    columns = {"alpha": alpha, "d": d, "theta": theta, "r": r}
     n = len(kinds) - len(followers)
     coupling, reduction, gains = _transmission(table.part("transmission"), n)
     friction = read_friction(table.part("friction"), kinds[:n], None)
     if table.has("springs"):
         friction = read_springs(table.table("springs"), kinds[:n], friction)
     named, own = _parameter_sets(table.part("parameters"), standard)
-    origins = read_origins(table.part("identified"))
-    collision = read_capsules(table.tables("collision", []), len(kinds))
-    correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
-    table.done()
-    return Robot(
-        name=name,
-        description=description,
+    robot = Robot(
+        name=table.text("name", path.stem),
+        description=table.text("description"),
         path=path,
         digest=digest,
         geometry=Geometry(
             kinds=kinds,
-            **columns,
-            gravity=tuple(gravity),
+            alpha=alpha,
+            d=d,
+            theta=theta,
+            r=r,
+            gravity=tuple(table.numbers("gravity_m_s2", 3)),
             coupling=coupling,
             mounts=mounts,
             followers=followers,
@@ -199,14 +196,16 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         reduction=reduction,
         gains=gains,
         joint_names=joint_names[:n],
-        correspondence=correspondence,
-        collision=collision,
+        correspondence=read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None,
+        collision=read_capsules(table.tables("collision", []), len(kinds)),
         standard=standard,
         notes=tuple(angles.notes(path.name)),
-        origins=origins,
+        origins=read_origins(table.part("identified")),
         _named=named,
         _own=own,
     )
+    table.done()
+    return robot
 
 
 def _transmission(

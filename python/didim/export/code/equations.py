@@ -6,6 +6,7 @@ The core has the fast kernels; here the same equations generate code and formula
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -210,20 +211,15 @@ class Equations:
             matrix[j][j] = self.value(f"Ia{j + 1}")
         for m, row in self._coupled():
             rotor = self.value(f"Ia{m + 1}")
-            for i in range(self.n):
-                for k in range(self.n):
-                    if i != k and row[i] * row[k]:
-                        matrix[i][k] = matrix[i][k] + rotor * self.algebra.number(row[i] * row[k])
+            for i, k in itertools.permutations(range(self.n), 2):
+                if row[i] * row[k]:
+                    matrix[i][k] = matrix[i][k] + rotor * self.algebra.number(row[i] * row[k])
         return matrix
 
     def _coupled(self) -> list[tuple[int, list[float]]]:
         """Return the motors that turn with several joints, with the coefficients of the joint speeds."""
-        coupling = np.array(self.robot.geometry.coupling)
-        coupled = []
-        for m, row in enumerate(coupling):
-            if np.count_nonzero(row) > 1:
-                coupled.append((m, (row / row[m]).tolist()))
-        return coupled
+        rows = enumerate(np.array(self.robot.geometry.coupling))
+        return [(m, (row / row[m]).tolist()) for m, row in rows if np.count_nonzero(row) > 1]
 
     def _links(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
         """Return the torques of the links; gravity is an acceleration of the base."""
@@ -285,10 +281,8 @@ class Equations:
                 tau.append(own + self.value(f"Off{name}"))
         number = self.algebra.number
         for m, row in self._coupled():
-            shaft = self.zero
-            for factor, speed in zip(row, dq, strict=True):
-                if factor:
-                    shaft = shaft + speed * number(factor)
+            parts = (speed * number(factor) for factor, speed in zip(row, dq, strict=True) if factor)
+            shaft = sum(parts, self.zero)
             turning = self.algebra.sign(m, shaft)
             felt = turning if self.robot.friction.coupling == "shaft" else now[m]
             viscous, coulomb = self.value(f"Fvm{m + 1}"), self.value(f"Fcm{m + 1}")

@@ -19,21 +19,15 @@ from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, PARALLEL, SUSPICIOUS, nearest_right_angle
 from ..rigid_body import pose, turn
 
-
-def _cube() -> Array:
-    """Return the 24 rotations that exchange the axes of a frame, (24, 3, 3)."""
-    rotations = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            rotation = np.zeros((3, 3))
-            rotation[range(3), order] = signs
-            if np.linalg.det(rotation) > 0.0:
-                rotations.append(rotation)
-    return np.array(rotations)
-
-
-CUBE = _cube()
-"""All rotations by right angles."""
+CUBE = np.array(
+    [
+        rotation
+        for order in itertools.permutations(np.eye(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+        if np.linalg.det(rotation := np.array(signs)[:, None] * order) > 0.0
+    ]
+)
+"""All rotations by right angles, which exchange the axes of a frame, (24, 3, 3)."""
 
 
 @dataclass(frozen=True)
