@@ -66,6 +66,13 @@ class LinkBody:
     rest: float = 0.0
     follower: Follower | None = None
 
+    def leader(self, what: str) -> tuple[int, float]:
+        """Return the only leader of a coupled joint, from 0, with its factor; a format's way to say so has no more."""
+        assert self.follower is not None
+        if len(self.follower.leaders) > 1:
+            raise FitError(f"joint {self.joint!r} follows several others, and {what} has one")
+        return self.follower.leaders[0]
+
 
 @dataclass(frozen=True, eq=False)
 class CoupledMotor:

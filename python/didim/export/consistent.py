@@ -91,8 +91,7 @@ def parameters_from_prior(fit: Identification, robot: Robot) -> dict[int, tuple[
     """Return the inertial parameters of each link (from 0) that a consistent result has from its prior alone."""
     record = fit.settings.get("consistent", {}).get("parameters", ())
     open_names = {entry["name"] for entry in record if entry["source"] != "identified"}
-    parameters = {}
-    for j in range(robot.n_joints):
-        names = tuple(f"{key}{j + 1}" for key in INERTIAL)
-        parameters[j] = tuple(name for name in names if name in open_names)
-    return parameters
+    return {
+        j: tuple(name for key in INERTIAL if (name := f"{key}{j + 1}") in open_names)
+        for j in range(robot.n_joints)
+    }

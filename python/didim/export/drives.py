@@ -256,9 +256,9 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
     """
     if integrator == "RK4":
         return drives
+    sign = 1.0 if integrator in IMPLICIT and not explicit_kv else -1.0
     shifted, largest = [], 0.0
     for drive in drives.joints:
-        sign = 1.0 if integrator in IMPLICIT and not explicit_kv else -1.0
         shift = HALF * step_s * (drive.viscous + sign * (drive.kv or 0.0))
         changed = {
             name: getattr(drive, name) + sign * step_s * change
@@ -273,7 +273,7 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
             )
         largest = max(largest, abs(shift) / drive.rotor if drive.rotor else 0.0)
         shifted.append(replace(drive, rotor=drive.rotor - shift, delay_s=drive.delay_s + HALF * step_s))
-    damping = "(Fv + kv)" if integrator in IMPLICIT and not explicit_kv else "(Fv - kv)"
+    damping = "(Fv + kv)" if sign > 0.0 else "(Fv - kv)"
     sentence = (
         f"for steps of {1e3 * step_s:g} ms with {integrator}: armature less h {damping} / 2, by {100.0 * largest:.2g} % at most; "
         f"commands act {1e3 * HALF * step_s:g} ms early, so hold them back by {1e3 * shifted[0].delay_s:.4g} ms in all"

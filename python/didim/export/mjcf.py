@@ -12,11 +12,10 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
-from ..errors import FitError
 from ..robot.rigid_body import central, quaternion
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
-from .numbers import number, numbers
+from .numbers import attributes, number, numbers
 
 
 def to_mjcf(robot: Robot, x: ArrayLike) -> str:
@@ -93,32 +92,28 @@ def _body(link: LinkBody, rotor: float, viscous: float, coulomb: float) -> list[
     }
     if link.limits.position is not None:
         joint["range"] = f'"{numbers(link.limits.position)}"'
-    drive = {"armature": rotor, "damping": viscous, "frictionloss": coulomb}
-    for key, value in {**drive, "stiffness": link.stiffness, "springref": link.rest}.items():
-        if value:
-            joint[key] = f'"{number(value)}"'
-    attributes = " ".join(f"{key}={value}" for key, value in joint.items())
+    spring = {"stiffness": link.stiffness, "springref": link.rest}
+    drive = _drive(rotor, viscous, coulomb, **spring)
+    own = " ".join(f"{key}={value}" for key, value in joint.items())
     return [
         f'<body name={quoteattr(link.link)} pos="{numbers(link.pose[:3, 3])}" '
         f'quat="{numbers(quaternion(link.pose[:3, :3]))}">',
-        f"  <joint {attributes}/>",
+        f"  <joint {own}{drive}/>",
         f'  <inertial pos="{numbers(centre)}" mass="{number(mass)}" fullinertia="{numbers(entries)}"/>',
     ]
+
+
+def _drive(rotor: float, viscous: float, coulomb: float, **further: float) -> str:
+    """Return the attributes of a joint or a tendon that are not zero."""
+    values = {"armature": rotor, "damping": viscous, "frictionloss": coulomb, **further}
+    return attributes({key: value for key, value in values.items() if value})
 
 
 def _tendons(model: ExportModel) -> list[str]:
     lines = []
     for motor in model.motors:
-        attributes = "".join(
-            f' {key}="{number(value)}"'
-            for key, value in (
-                ("armature", motor.rotor),
-                ("damping", motor.viscous),
-                ("frictionloss", motor.coulomb),
-            )
-            if value
-        )
-        lines.append(f"    <fixed name={quoteattr(f'motor{motor.number + 1}')}{attributes}>")
+        drive = _drive(motor.rotor, motor.viscous, motor.coulomb)
+        lines.append(f"    <fixed name={quoteattr(f'motor{motor.number + 1}')}{drive}>")
         lines += [
             f'      <joint joint={quoteattr(link.joint)} coef="{number(coefficient)}"/>'
             for link, coefficient in zip(model.links, motor.coefficients, strict=True)
@@ -134,9 +129,7 @@ def _equalities(model: ExportModel) -> list[str]:
     for link in model.links:
         if link.follower is None:
             continue
-        if len(link.follower.leaders) > 1:
-            raise FitError(f"joint {link.joint!r} follows several others, and an equality of MJCF has one")
-        ((leader, factor),) = link.follower.leaders
+        leader, factor = link.leader("an equality of MJCF")
         lines.append(
             f"    <joint joint1={quoteattr(link.joint)} joint2={quoteattr(model.links[leader].joint)} "
             f'polycoef="{numbers([link.follower.offset, factor])} 0 0 0"/>'

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+
+from .._tools.arrays import Array
 
 
 def number(value: float) -> str:
@@ -13,3 +15,13 @@ def number(value: float) -> str:
 def numbers(values: Iterable[float]) -> str:
     """Return several numbers with spaces between."""
     return " ".join(map(number, values))
+
+
+def attributes(values: Mapping[str, float]) -> str:
+    """Return numbers as XML attributes, each after a space."""
+    return "".join(f' {key}="{number(value)}"' for key, value in values.items())
+
+
+def moments(inertia: Array) -> dict[str, float]:
+    """Return the entries of an inertia matrix (3, 3) by their names in URDF and SDF."""
+    return {f"i{'xyz'[a]}{'xyz'[b]}": inertia[a, b] for a in range(3) for b in range(a, 3)}

@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.words import series
-from ..errors import FitError
 from ..robot.rigid_body import central, roll_pitch_yaw
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
-from .numbers import number, numbers
+from .numbers import moments, number, numbers
 
 VERSION = "1.6"
 """SDF version of the output: in every version the poses of links are given in the frame of the model."""
@@ -88,7 +87,6 @@ def no_drives(model: ExportModel, format_name: str) -> list[str]:
 def _link(link: LinkBody, frame: Array) -> list[str]:
     mass, centre, inertia = central(link.pseudo)
     pose = numbers([*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
-    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     return [
         f"    <link name={quoteattr(link.link)}>",
         f"      <pose>{pose}</pose>",
@@ -96,7 +94,7 @@ def _link(link: LinkBody, frame: Array) -> list[str]:
         f"        <pose>{numbers([*centre, 0.0, 0.0, 0.0])}</pose>",
         f"        <mass>{number(mass)}</mass>",
         "        <inertia>",
-        *(f"          <{key}>{number(inertia[at])}</{key}>" for key, at in entries.items()),
+        *(f"          <{key}>{number(value)}</{key}>" for key, value in moments(inertia).items()),
         "        </inertia>",
         "      </inertial>",
         "    </link>",
@@ -107,9 +105,7 @@ def _mimic(link: LinkBody, model: ExportModel) -> list[str]:
     """Return the lines on a coupled joint's leader."""
     if link.follower is None:
         return []
-    if len(link.follower.leaders) > 1:
-        raise FitError(f"joint {link.joint!r} follows several others, and a mimic joint of SDF has one")
-    ((leader, factor),) = link.follower.leaders
+    leader, factor = link.leader("a mimic joint of SDF")
     return [
         f"        <mimic joint={quoteattr(model.links[leader].joint)}>",
         f"          <multiplier>{number(factor)}</multiplier>",

@@ -27,7 +27,7 @@ from ..robot.urdf.description import read_description
 from ..robot.urdf.xml_spans import Element, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
 from .drives import Drives, JointDrive
-from .numbers import number, numbers
+from .numbers import attributes, moments, number, numbers
 
 ROTOR_NOTE = " didim: rotor inertia "
 """First words of the comment on a rotor inertia; a later export replaces the comment."""
@@ -143,13 +143,11 @@ def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit
     mass, centre, inertia = central(pseudo)
     old = link.find("inertial")
     indent = _indent(data, old.start) if old else _indent(data, link.start) + b"  "
-    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    moments = " ".join(f'{key}="{number(inertia[at])}"' for key, at in entries.items())
     lines = [
         "<inertial>",
         f'  <origin xyz="{numbers(centre)}" rpy="0 0 0"/>',
         f'  <mass value="{number(mass)}"/>',
-        f"  <inertia {moments}/>",
+        f"  <inertia{attributes(moments(inertia))}/>",
         "</inertial>",
     ]
     text = (newline + indent).join(line.encode() for line in lines)
@@ -196,8 +194,7 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline:
         changes += [attribute_edit(data, old, key, number(value)) for key, value in changed.items()]
     indent = _indent(data, joint.children[-1].start)
     if old is None and any(values.values()):
-        words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
-        behind += newline + indent + f"<dynamics {words}/>".encode()
+        behind += newline + indent + f"<dynamics{attributes(values)}/>".encode()
     note = next((comment for comment in joint.comments if comment.text.startswith(ROTOR_NOTE)), None)
     unit = "kg" if body.kind == "prismatic" else "kg.m^2"
     text = f"<!--{ROTOR_NOTE}{number(body.rotor)} {unit} (armature), which URDF has no place for -->".encode()

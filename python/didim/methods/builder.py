@@ -25,7 +25,7 @@ from ..regression.friction.sampling import sampling_errors
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
-from ..regression.solver import solver_record
+from ..regression.solver import solver_name
 from ..result.finding import Finding
 from ..result.further import Further
 from ..result.identification import Identification
@@ -240,7 +240,7 @@ def fitted(
     drift = {"drift": [asdict(difference) for difference in moved]} if moved else {}
     run = replace(
         run,
-        settings={"solver": solver_record(job.solver_choice, fit), **drift, **run.settings},
+        settings={"solver": {"name": solver_name(job.solver_choice), **fit.record}, **drift, **run.settings},
         remarks=(*fit.remarks, *run.remarks, *spread.remarks),
         evidence=(*run.evidence, *lasting, *drift_findings(job, moved), *loads),
     )

@@ -11,7 +11,7 @@ from ..experiment.experiment import Experiment
 from ..regression.logs.parameters import LogParameters
 from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
-from ..regression.solver import RobotSolver, SolverChoice, check_solver, knows_logs, solver_of
+from ..regression.solver import RobotSolver, SolverChoice, knows_logs, loaded_solver, solver_of
 from ..result.identification import Identification
 from ..result.iteration import Reporter
 from ..robot.robot import Robot
@@ -216,7 +216,7 @@ class FitSettings(MethodSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.solver is not None:
-            check_solver(self.solver)
+            loaded_solver(self.solver)
         if not isinstance(self.physical, bool | None):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
         if self.physical is not None and self.solver is not None:

@@ -51,19 +51,9 @@ class Limb:
         return limb_of(robot, self.links).robot
 
 
-def limbs_of(robot: Robot) -> list[Limb]:
-    """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
-    return list(_limbs_of(robot))
-
-
-def links_with(robot: Robot, joints: Iterable[int]) -> tuple[int, ...]:
-    """Return the numbers of all joints of the limbs that have some of these joints, from 0."""
-    some = set(joints)
-    return tuple(sorted(link for limb in limbs_of(robot) if some & set(limb.links) for link in limb.links))
-
-
 @lru_cache(maxsize=REMEMBERED)
-def _limbs_of(robot: Robot) -> tuple[Limb, ...]:
+def limbs_of(robot: Robot) -> tuple[Limb, ...]:
+    """Return the limbs of a robot in the order of their first joints; a single one for a chain."""
     geometry = robot.geometry
     carried = [(joint, parent) for joint, parent in enumerate(geometry.parents) if parent is not None]
     led = [
@@ -73,6 +63,12 @@ def _limbs_of(robot: Robot) -> tuple[Limb, ...]:
     ]
     pairs = [*carried, *np.argwhere(geometry.coupling).tolist(), *led]
     return tuple(limb_of(robot, joints) for joints in joined(robot.n_joints, pairs))
+
+
+def links_with(robot: Robot, joints: Iterable[int]) -> tuple[int, ...]:
+    """Return the numbers of all joints of the limbs that have some of these joints, from 0."""
+    some = set(joints)
+    return tuple(sorted(link for limb in limbs_of(robot) if some & set(limb.links) for link in limb.links))
 
 
 def limb_of(robot: Robot, joints: tuple[int, ...]) -> Limb:

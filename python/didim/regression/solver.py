@@ -7,7 +7,6 @@ frozen dataclass with ``__call__``, which can be pickled and compared.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from .._tools.plugins import named
@@ -47,7 +46,7 @@ class LogsSolver(Protocol):
 
 SolverChoice = str | Solver | RobotSolver
 
-SOLVERS: dict[str, str | Solver | RobotSolver] = {
+SOLVERS: dict[str, SolverChoice] = {
     "least-squares": "didim.regression.least_squares:solve",
     "huber": "didim.regression.classical.solvers:Huber",
     "bisquare": "didim.regression.classical.solvers:Bisquare",
@@ -57,15 +56,23 @@ SOLVERS: dict[str, str | Solver | RobotSolver] = {
 """Solvers by name, or their location "module:object", imported when they are used. A class has its default settings."""
 
 
-def check_solver(choice: object) -> None:
-    """Refuse an object that is neither a known name, "module:object" nor a solver.
+def loaded_solver(choice: object) -> Solver | RobotSolver:
+    """Return a solver, given by name, as "module:object" or as an object.
 
     Raises
     ------
     FitError
-        The sentence lists the known names.
+        For an object that is none of these. The sentence lists the known names.
     """
-    _loaded(choice)
+    solver = choice
+    if isinstance(choice, str):
+        solver = named(choice, SOLVERS, "solver", FitError)
+        # A class means an instance with default settings.
+        solver = solver() if isinstance(solver, type) else solver
+    if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):
+        raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
+    made: Solver | RobotSolver = solver
+    return made
 
 
 def solver_of(
@@ -78,7 +85,7 @@ def solver_of(
     FitError
         For an unknown name.
     """
-    solver = _loaded(choice)
+    solver = loaded_solver(choice)
     if logs is not None and isinstance(solver, LogsSolver):
         return solver.for_logs(logs, selection)
     return solver.for_robot(robot, selection) if isinstance(solver, RobotSolver) else solver
@@ -86,20 +93,8 @@ def solver_of(
 
 def knows_logs(choice: SolverChoice) -> bool:
     """Whether a solver supports further parameters of logs, by its interface or because it is independent of parameters."""
-    solver = _loaded(choice)
+    solver = loaded_solver(choice)
     return isinstance(solver, LogsSolver) or not isinstance(solver, RobotSolver)
-
-
-def _loaded(choice: object) -> Solver | RobotSolver:
-    solver = choice
-    if isinstance(choice, str):
-        solver = named(choice, SOLVERS, "solver", FitError)
-        # A class means an instance with default settings.
-        solver = solver() if isinstance(solver, type) else solver
-    if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):
-        raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
-    made: Solver | RobotSolver = solver
-    return made
 
 
 def solver_name(choice: SolverChoice) -> str:
@@ -112,8 +107,3 @@ def solver_name(choice: SolverChoice) -> str:
             return name
     own = getattr(choice, "name", None)
     return own if isinstance(own, str) else getattr(choice, "__name__", type(choice).__name__)
-
-
-def solver_record(choice: SolverChoice, fit: Fit) -> Mapping[str, object]:
-    """Return name and settings of a solver, for the record of a result."""
-    return {"name": solver_name(choice), **fit.record}

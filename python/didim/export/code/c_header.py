@@ -6,7 +6,7 @@ Tested in ``tests/test_export_c.py``: compiled with every warning an error, and 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,13 +106,8 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
     # Load friction depends on gravity but not on an offset, although both are one parameter for a vertical prismatic joint.
     written = x if robot.friction.has_load else base.lift(beta)
     values = {name: float(value) for name, value in zip(robot.parameter_names, written, strict=True)}
-    n = robot.n_dof
-    functions = [
-        _tau(robot, values, prefix),
-        _inertia(robot, values, prefix),
-        _gravity(robot, values, prefix),
-    ]
     memory = remembering(robot)
+    functions = [_function(robot, values, prefix, one) for one in _functions(robot.n_dof, len(memory))]
     if memory:
         functions.append(_remember(robot, memory, prefix))
     body = "\n".join(functions)
@@ -139,7 +134,7 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         "",
         "#include <math.h>",
         "",
-        f"#define {prefix.upper()}_DOF {n}",
+        f"#define {prefix.upper()}_DOF {robot.n_dof}",
         *([f"#define {prefix.upper()}_STATES {len(memory)}"] if memory else []),
         "",
         *_helpers(robot, prefix, body),
@@ -147,33 +142,6 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         "#endif",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _inputs(graph: Graph, name: str, n: int) -> list[Expression]:
-    return [graph.leaf(f"{name}[{j}]") for j in range(n)]
-
-
-def _equations(robot: Robot, values: dict[str, float]) -> tuple[Graph, Equations]:
-    graph = Graph()
-    named = {name: graph.number(value) for name, value in values.items()}
-    return graph, Equations(robot, named, _Written(graph, robot), _inputs(graph, "q", robot.n_dof))
-
-
-def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
-    graph, model = _equations(robot, values)
-    n = robot.n_dof
-    states = len(remembering(robot))
-    inputs = [_inputs(graph, name, count) for name, count in (("dq", n), ("ddq", n), ("z", states))]
-    results = model.torque(*inputs)
-    extra, words = (f", const double z[{states}]", ", states z of friction") if states else ("", "")
-    return _function(
-        f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}]{extra}, double tau[{n}])",
-        f"Torques of the inverse model at positions q, velocities dq, accelerations ddq{words}, friction included.",
-        graph,
-        [(f"tau[{j}]", one) for j, one in enumerate(results)],
-        ("q", "dq", "ddq", *(("z",) if states else ())),
-        prefix,
-    )
 
 
 def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:
@@ -204,43 +172,53 @@ def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:
     )
 
 
-def _inertia(robot: Robot, values: dict[str, float], prefix: str) -> str:
-    graph, model = _equations(robot, values)
-    n = robot.n_dof
-    rows = model.inertia()
-    return _function(
-        f"{prefix}_inertia(const double q[{n}], double M[{n * n}])",
-        f"Inertia matrix M(q) with rotors, row by row: M[{n} * i + j].",
-        graph,
-        [(f"M[{n * i + j}]", rows[i][j]) for i in range(n) for j in range(n)],
-        ("q",),
-        prefix,
-    )
+@dataclass(frozen=True)
+class _Function:
+    """A function of the header: its name, inputs with their sizes, and results from the model and all inputs but q."""
+
+    name: str
+    purpose: str
+    inputs: Mapping[str, int]
+    output: str
+    results: Callable[..., list[Expression]]
 
 
-def _gravity(robot: Robot, values: dict[str, float], prefix: str) -> str:
-    graph, model = _equations(robot, values)
-    n = robot.n_dof
-    return _function(
-        f"{prefix}_gravity(const double q[{n}], double tau[{n}])",
-        "Torques that hold the robot against gravity, without friction and offsets.",
-        graph,
-        [(f"tau[{j}]", one) for j, one in enumerate(model.gravity())],
-        ("q",),
-        prefix,
-    )
+def _functions(n: int, states: int) -> list[_Function]:
+    """Return the functions for so many joints and states of friction."""
+    words, memory = (", states z of friction", {"z": states}) if states else ("", {})
+    return [
+        _Function(
+            "tau",
+            f"Torques of the inverse model at positions q, velocities dq, accelerations ddq{words}, friction included.",
+            {"q": n, "dq": n, "ddq": n, **memory},
+            "tau",
+            Equations.torque,
+        ),
+        _Function(
+            "inertia",
+            f"Inertia matrix M(q) with rotors, row by row: M[{n} * i + j].",
+            {"q": n},
+            "M",
+            lambda model: [entry for row in model.inertia() for entry in row],
+        ),
+        _Function(
+            "gravity",
+            "Torques that hold the robot against gravity, without friction and offsets.",
+            {"q": n},
+            "tau",
+            Equations.gravity,
+        ),
+    ]
 
 
-def _function(
-    head: str,
-    purpose: str,
-    graph: Graph,
-    results: Sequence[tuple[str, Expression]],
-    inputs: Sequence[str],
-    prefix: str,
-) -> str:
+def _function(robot: Robot, values: Mapping[str, float], prefix: str, function: _Function) -> str:
     """Write a function that computes results in sequence, common subexpressions once."""
-    needed, uses = _needed(graph, [one.index for _, one in results])
+    graph = Graph()
+    named = {name: graph.number(value) for name, value in values.items()}
+    inputs = ([graph.leaf(f"{name}[{k}]") for k in range(size)] for name, size in function.inputs.items())
+    model = Equations(robot, named, _Written(graph, robot), next(inputs))
+    results = function.results(model, *inputs)
+    needed, uses = _needed(graph, [one.index for one in results])
     texts: dict[int, str] = {}
     lines = []
     for index in needed:
@@ -251,12 +229,13 @@ def _function(
             text = f"t{index}"
         texts[index] = text
     written = " ".join(lines)
-    outputs = [f"    {target} = {_bare(texts[one.index])};" for target, one in results]
+    outputs = [f"    {function.output}[{k}] = {_bare(texts[one.index])};" for k, one in enumerate(results)]
     code = written + " ".join(outputs)
-    unused = [f"    (void){name};" for name in inputs if not re.search(rf"\b{name}\[", code)]
-    return "\n".join(
-        [f"/* {purpose} */", f"static inline void {head}", "{", *unused, *lines, *outputs, "}", ""]
-    )
+    unused = [f"    (void){name};" for name in function.inputs if not re.search(rf"\b{name}\[", code)]
+    arguments = [f"const double {name}[{size}]" for name, size in function.inputs.items()]
+    arguments.append(f"double {function.output}[{len(results)}]")
+    head = f"static inline void {prefix}_{function.name}({', '.join(arguments)})"
+    return "\n".join([f"/* {function.purpose} */", head, "{", *unused, *lines, *outputs, "}", ""])
 
 
 def _needed(graph: Graph, ends: Sequence[int]) -> tuple[list[int], dict[int, int]]:
@@ -288,9 +267,8 @@ def _text(name: str, operands: Sequence[object], texts: dict[int, str], prefix: 
         return f"(-{parts[0]})"
     if name in FUNCTIONS:
         return f"{'fabs' if name == 'abs' else name}({_bare(parts[0])})"
-    if name == "table":
-        return f"{prefix}_{operands[-1]}({_bare(parts[0])})"
-    return f"{prefix}_{name}({', '.join(_bare(part) for part in parts)})"
+    own = operands[-1] if name == "table" else name
+    return f"{prefix}_{own}({', '.join(map(_bare, parts))})"
 
 
 def _joined_by(text: str) -> set[str]:

@@ -94,7 +94,8 @@ def pool_of(
         signs = [sign[:, [joint]] for sign in now]
         offers, values = _offers(plain, joint, parts, signs, held, loads, float(narrowest[joint]))
         rows = decimated(values, parts, signal)
-        can_hold = _coulomb(plain, joint, system)
+        # A sign can be kept where Coulomb friction is one column that is estimated.
+        can_hold = plain.friction.model == "symmetric" and f"Fc{joint + 1}" in system.names
         pool += [
             Candidate(term=term, held=at_hold, column=rows[:, k])
             for k, (term, at_hold) in enumerate(offers)
@@ -142,11 +143,6 @@ def joints_without_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int,
     """Return the joints, from 0, without candidates of a usual displacement of memory, and the smallest that is one (rad or m)."""
     usual = [START_WIDTH[kind] for kind in robot.joint_kinds]
     return {joint: value for joint, value in enumerate(narrowest) if value > usual[joint]}
-
-
-def _coulomb(robot: Robot, joint: int, system: LinearSystem) -> bool:
-    """Tell whether Coulomb friction of a joint is one column that is estimated, so that its sign can be kept."""
-    return robot.friction.model == "symmetric" and f"Fc{joint + 1}" in system.names
 
 
 def _offers(

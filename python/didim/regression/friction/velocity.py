@@ -23,7 +23,7 @@ from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment, at_place
 from ..linear_system import LinearSystem, linear_system
-from ..selection import Selection, select
+from ..selection import select
 
 Solve = Callable[[LinearSystem], tuple[Array, Array]]
 """Solution of a system: the estimate, (b,), and the weights of the rows, (r,)."""
@@ -97,8 +97,6 @@ class SettledFriction:
     ----------
     robot : Robot
         With all velocities known.
-    selection : Selection
-        The selection of the same names among its base parameters.
     beta : ndarray, shape (n_base,)
         Base parameters that the loads of the last pass come from.
     system : LinearSystem
@@ -110,7 +108,6 @@ class SettledFriction:
     """
 
     robot: Robot
-    selection: Selection
     beta: Array
     system: LinearSystem
     velocities: tuple[VelocityEstimate, ...] = ()
@@ -172,9 +169,7 @@ def settled(
         if change <= SETTLED_VELOCITY * np.linalg.norm(estimate) or passes == LOAD_PASSES:
             system = linear_system(robot, parts, signal, selection, beta)
             break
-    return SettledFriction(
-        robot=robot, selection=selection, beta=estimate, system=system, velocities=estimates, passes=passes
-    )
+    return SettledFriction(robot=robot, beta=estimate, system=system, velocities=estimates, passes=passes)
 
 
 def with_slopes(

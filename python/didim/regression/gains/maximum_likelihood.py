@@ -43,8 +43,6 @@ class Gains:
     ----------
     gains : (n,) array
         Drive gains (N.m/A or N/A), on the side of the reduction.
-    theta : (q,) array
-        Parameters.
     system : LinearSystem
         The problem linearised there, in units of motor torque: a column for every parameter, gains last.
     fit : Fit
@@ -54,7 +52,6 @@ class Gains:
     """
 
     gains: Array
-    theta: Array
     system: LinearSystem
     fit: Fit
     iterations: int
@@ -212,7 +209,6 @@ def _result(
     residual = own * errors
     return Gains(
         gains=gains,
-        theta=theta,
         system=system,
         fit=Fit(
             solution=np.concatenate([theta, gains]),

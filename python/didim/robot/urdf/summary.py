@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from ..._tools.words import counted
-from ..correspondence import Correspondence
 from ..rigid_body import angle_of
 from ..robot import Robot
 from ..standard_dh import correspondence_lines
@@ -24,8 +23,9 @@ def summary(reading: UrdfReading) -> str:
     places = robot.correspondence
     assert places is not None
     width = max(len(name) for name in (*robot.all_joint_names, "joint"))
+    extent = f"from {places.base} to {places.tip}" if places.tip else f"in the tree on {places.base}"
     lines = [
-        f"{robot.name}: {counted(robot.n_dof, 'joint')} {_extent(places)}, "
+        f"{robot.name}: {counted(robot.n_dof, 'joint')} {extent}, "
         f"{len(robot.base_parameters.names)} base parameters",
         "",
         f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}  {'offset mm':>9}  "
@@ -47,11 +47,6 @@ def summary(reading: UrdfReading) -> str:
         + (f" ({reading.as_written:.1e} before snapping)." if places.snapped_rad else "."),
     ]
     return "\n".join(lines)
-
-
-def _extent(places: Correspondence) -> str:
-    """Return the extent of the robot: between two links, or the tree of one."""
-    return f"from {places.base} to {places.tip}" if places.tip else f"in the tree on {places.base}"
 
 
 def rows_and_frames(robot: Robot) -> str:

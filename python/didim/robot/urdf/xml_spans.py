@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from ...errors import RobotError
 
 _TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+"""Opening tag, to the first ``>`` outside quotes."""
 
 
 @dataclass(eq=False)
@@ -97,7 +98,9 @@ def parse_xml(data: bytes, where: str) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         first = parser.CurrentByteIndex
-        element = Element(tag, attributes, first, _end_of_tag(data, first), parser.CurrentLineNumber)
+        opening = _TAG.match(data, first)
+        opened = opening.end() if opening else len(data)
+        element = Element(tag, attributes, first, opened, parser.CurrentLineNumber)
         (open_elements[-1].children if open_elements else outermost).append(element)
         open_elements.append(element)
 
@@ -128,9 +131,3 @@ def parse_xml(data: bytes, where: str) -> Element:
     except ValueError as error:  # unknown encoding
         raise RobotError(f"{where}: not readable as XML ({error})") from None
     return outermost[0]
-
-
-def _end_of_tag(data: bytes, start: int) -> int:
-    """Byte past the opening tag that starts at `start`: the first ``>`` outside quotes."""
-    tag = _TAG.match(data, start)
-    return tag.end() if tag else len(data)
