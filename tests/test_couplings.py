@@ -17,10 +17,12 @@ from didim.export.mjcf import to_mjcf
 from didim.export.mjcf_edit import edit_mjcf
 from didim.export.sdf import to_sdf
 from didim.export.urdf import to_urdf
+from didim.export.write import FORMATS, export
 from didim.model.kinematics import frames
 from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 from didim.robot.transmission import driven_part, joint_motion
+from didim.view.shapes import skeleton
 from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
 from urdfs import inertial_text, joint_text, limit_text, made, pinocchio_model, random_tree, with_rotors
@@ -309,6 +311,24 @@ def test_wrong_couplings_are_refused(tmp_path: Path, old: str, new: str, message
         didim.load_robot(path)
     assert message in str(error.value)
     assert len(str(error.value)) <= 200
+
+
+def test_a_robot_file_with_coupled_joints_is_drawn_and_exported(tmp_path: Path) -> None:
+    path = tmp_path / "slide.toml"
+    path.write_text(COUPLED.replace("[1, 2]", "[1]").replace("[0.1, -0.2]", "[0.1]"))
+    robot = didim.load_robot(path)
+    drawn = skeleton(robot)
+    assert {(shape.link, shape.kind) for shape in drawn if shape.kind != "cylinder"} == {
+        (1, "sphere"),
+        (2, "sphere"),
+        (3, "box"),
+    }
+    x = robot.parameters_by_name({f"{key}{j}": 1.0 for key in ("XX", "YY", "ZZ", "M") for j in (1, 2, 3)})
+    for form in FORMATS:
+        if form != "urdf":
+            content, report = export(robot, x, form)
+            assert b"joint3" in content
+            assert [change.mass for change in report.links] == [1.0, 1.0, 1.0]
 
 
 def test_mujoco_ties_the_joints_of_the_exported_file(tmp_path: Path) -> None:

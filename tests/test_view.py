@@ -142,6 +142,15 @@ def test_visuals_stand_where_another_reader_of_urdfs_puts_them(urdf: Path) -> No
     assert found[2].size == (2.0, 2.0, 2.0)
 
 
+def test_links_of_a_tree_that_the_robot_is_not_on_are_not_drawn(urdf: Path) -> None:
+    table = """<link name="table"><visual><geometry><box size="1 1 1"/></geometry></visual></link><link name="leg"/>
+      <joint name="screw" type="fixed"><parent link="table"/><child link="leg"/></joint></robot>"""
+    robot, (alone, _) = didim.load_robot(urdf), visuals(didim.load_robot(urdf), urdf)
+    urdf.write_text(URDF.replace("</robot>", table), encoding="utf-8")
+    beside, _ = visuals(robot, urdf)
+    assert [(shape.kind, shape.link) for shape in beside] == [(shape.kind, shape.link) for shape in alone]
+
+
 def test_meshes_are_found_beside_the_file_and_above_it(tmp_path: Path) -> None:
     path = tmp_path / "arm_description" / "urdf" / "arm.urdf"
     mesh = tmp_path / "arm_description" / "meshes" / "a.stl"

@@ -75,7 +75,7 @@ def _of_description(robot: Robot) -> list[Array | None]:
     """Return the pseudo-inertias in the original description of a robot, in the frames of its links."""
     places = robot.correspondence
     if places is None or URDF_SET not in robot.sets:
-        return [None] * robot.n_dof
+        return [None] * robot.n_joints
     pseudos = pseudo_inertias(robot, robot.sets[URDF_SET])
     backs = [inverse(link.matrix) for link in places.links]
     return [back @ pseudo @ back.T for back, pseudo in zip(backs, pseudos, strict=True)]

@@ -183,7 +183,7 @@ class Page:
     def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:
         scene = self._server.scene
         nodes = [
-            scene.add_frame(f"{root}/link_{link}", show_axes=False) for link in range(self.robot.n_dof + 1)
+            scene.add_frame(f"{root}/link_{link}", show_axes=False) for link in range(self.robot.n_joints + 1)
         ]
         self._nodes.append(nodes)
         for number, shape in enumerate(shapes):

@@ -96,7 +96,7 @@ def skeleton(robot: Robot) -> list[Shape]:
             limbs = [other + 1 for other, below in enumerate(parents) if below == parent]
             origins = np.linalg.solve(at_zero[before], at_zero[limbs])[:, :3, 3]
             corners.insert(1, origins.mean(axis=0))
-        if robot.joint_kinds[joint] == "prismatic":
+        if robot.geometry.kinds[joint] == "prismatic":
             shapes.append(box("skeleton", joint + 1, 4.0 * SKELETON_SHARE * size))
         else:
             shapes.append(ball("skeleton", joint + 1, 1.4 * SKELETON_SHARE * size))
