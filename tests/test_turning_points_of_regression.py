@@ -328,7 +328,8 @@ def searched(
         return np.zeros(2), np.ones(9)
 
     def search(on_grid: bool) -> list[LinearSystem]:
-        velocity._estimate_velocities(robot, [], cast(Any, None), system, solution, on_grid)
+        along = velocity._Along(robot, [], cast(Any, None), system)
+        velocity._estimate_velocities(along, solution, on_grid)
         return solved
 
     return search
@@ -369,7 +370,7 @@ def test_velocities_are_refined_in_twelve_steps_with_two_sets_of_weights(
     slopes: list[float] = []
 
     def columns(robot: object, term: object, velocities: Array, *more: object) -> Array:
-        if more[3:] != (velocity._slope,):
+        if more != (velocity._slope,):
             return np.eye(9)[:, [1]]
         slopes.append(float(velocities[0]))
         return np.eye(9)[:, [2]] * (1.0 if len(slopes) % 2 else -1.0)
@@ -390,9 +391,8 @@ def test_a_velocity_is_refined_by_a_factor_of_four(
     robot = planar(FrictionTerm(law="atan", joint=0, velocity=0.3, estimated=True))
     blocks = (Block(rows=slice(0, 9), joint=0),)
     system = LinearSystem(w=np.ones((9, 1)), y=np.ones(9), names=("Fa1",), blocks=blocks)
-    found, _ = velocity._estimate_velocities(
-        robot, [], cast(Any, None), system, lambda system: (np.zeros(1), np.ones(9)), False
-    )
+    along = velocity._Along(robot, [], cast(Any, None), system)
+    found, _ = velocity._estimate_velocities(along, lambda system: (np.zeros(1), np.ones(9)), False)
     assert found.friction.terms[0].velocity == pytest.approx(0.3 * factor if kept else 0.3)
 
 

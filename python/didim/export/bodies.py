@@ -135,6 +135,7 @@ class ExportModel:
             When a share is negative, as for no real drive.
         """
         share = np.array([getattr(link, key) for link in self.links])
+        scale = np.abs(share)
         for motor in self.motors:
             value = getattr(motor, key)
             if key == "coulomb":
@@ -142,7 +143,6 @@ class ExportModel:
             else:
                 share -= motor.coefficients**2 * value
         # If a joint only has the share of a coupled motor, rounding may give a small negative number.
-        scale = np.array([abs(getattr(link, key)) for link in self.links])
         share[np.abs(share) <= 1e-14 * scale] = 0.0
         for link, value in zip(self.links, share, strict=True):
             if value < 0.0:

@@ -136,7 +136,7 @@ def direction(robot: Robot, q: Array, dq: Array) -> Array:
         Between -1 and 1.
     """
     sign = instantaneous(robot, dq)
-    for joint in _held(robot):
+    for joint in robot.friction.held:
         sign[:, joint] = held_sign(q[:, joint], sign[0, joint], robot.joint_kinds[joint])
     return sign
 
@@ -210,7 +210,7 @@ def memory_columns(
         if term.law == "dahl":
             first = instantaneous(robot, dq[:1])[0, term.joint]
             yield term.parameter, term.joint, states(q[:, term.joint], np.array([term.velocity]), first)[:, 0]
-    joints = _held(robot)
+    joints = friction.held
     if not joints:
         return
     before, held = instantaneous(robot, dq), direction(robot, q, dq)
@@ -236,11 +236,6 @@ def memory_columns(
             yield term.parameter, joint, change[:, joint] * np.sqrt(speed)
         elif term.law == "load" and load is not None:
             yield term.parameter, joint, change[:, joint] * np.abs(load[:, joint])
-
-
-def _held(robot: Robot) -> list[int]:
-    """Return the joints whose sign is held at rest."""
-    return [term.joint for term in robot.friction.terms if term.law == "hold"]
 
 
 def instantaneous(robot: Robot, dq: Array) -> Array:

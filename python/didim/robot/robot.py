@@ -107,16 +107,16 @@ class Geometry:
         driven = self.kinds[: self.n_driven]
         return _core.Robot(
             kind=[0 if kind == "revolute" else 1 for kind in self.kinds],
-            alpha=list(self.alpha),
-            d=list(self.d),
-            theta=list(self.theta),
-            r=list(self.r),
-            gravity=list(self.gravity),
-            transmission=[list(row) for row in self.coupling],
+            alpha=self.alpha,
+            d=self.d,
+            theta=self.theta,
+            r=self.r,
+            gravity=self.gravity,
+            transmission=self.coupling,
             asymmetric=friction.model == "asymmetric",
             printed_coupling=friction.coupling == "printed",
-            smoothing=list(friction.smoothing if friction.coulomb == "tanh" else (0.0,) * len(driven)),
-            dead_zone=list(friction.dead_zone),
+            smoothing=friction.smoothing if friction.coulomb == "tanh" else (0.0,) * len(driven),
+            dead_zone=friction.dead_zone,
             held=[
                 HOLD_WIDTH[kind] if joint in friction.held and not self.followers else 0.0
                 for joint, kind in enumerate(driven)

@@ -114,6 +114,16 @@ class SettledFriction:
     passes: int = 0
 
 
+@dataclass(frozen=True)
+class _Along:
+    """A robot along the segments of a log, with the system that was made of them."""
+
+    robot: Robot
+    parts: Sequence[Segment]
+    signal: SignalProcessing
+    system: LinearSystem
+
+
 def settled(
     robot: Robot,
     parts: Sequence[Segment],
@@ -157,7 +167,7 @@ def settled(
         selection = select(robot, *chosen)
         system = linear_system(robot, parts, signal, selection, beta)
         if robot.friction.estimated:
-            robot, estimates = _estimate_velocities(robot, parts, signal, system, solve, search)
+            robot, estimates = _estimate_velocities(_Along(robot, parts, signal, system), solve, search)
             selection = select(robot, *chosen)
             system = linear_system(robot, parts, signal, selection, beta)
         solution, _ = solve(system)
@@ -192,7 +202,8 @@ def with_slopes(
     rivals = [(term.parameter, other_curve(term)) for term in terms if term.rival]
 
     def column(term: FrictionTerm, shape: Shape) -> Array:
-        return _columns(robot, term, np.array([term.velocity]), parts, signal, system, shape)[:, 0]
+        log = _Along(robot, parts, signal, system)
+        return _columns(log, term, np.array([term.velocity]), shape)[:, 0]
 
     return replace(
         system,
@@ -229,14 +240,10 @@ def _without_load(
 
 
 def _estimate_velocities(
-    robot: Robot,
-    parts: Sequence[Segment],
-    signal: SignalProcessing,
-    system: LinearSystem,
-    solve: Solve,
-    search: bool,
+    log: _Along, solve: Solve, search: bool
 ) -> tuple[Robot, tuple[VelocityEstimate, ...]]:
     """Return the robot with the velocities that fit best, and how well the log identifies each."""
+    robot, system = log.robot, log.system
     terms = robot.friction.estimated
     places = [system.names.index(term.parameter) for term in terms]
     velocities = np.array([term.velocity for term in terms])
@@ -246,14 +253,14 @@ def _estimate_velocities(
         _, weights = solve(replace(system, w=w))
         for k, term in enumerate(terms):
             grid = np.geomspace(*_range(robot, term), GRID)
-            columns = _columns(robot, term, grid, parts, signal, system)
+            columns = _columns(log, term, grid)
             gain = _gains(w, places[k], columns, system.y, weights)
             best = int(np.argmax(gain))
             velocities[k] = grid[best]
             inner[k] = best not in (0, GRID - 1) and gain[best] > CLEAR_VELOCITY_GAIN
             w[:, places[k]] = columns[:, best]
     start = velocities
-    velocities, std = _refined(robot, start, inner, parts, signal, replace(system, w=w), solve)
+    velocities, std = _refined(replace(log, system=replace(system, w=w)), start, inner, solve)
     ranges = [_range(robot, term) for term in terms]
     inner &= [low < v < high for v, (low, high) in zip(velocities, ranges, strict=True)]
     if not search:
@@ -320,20 +327,11 @@ def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -
     return np.asarray(_law(robot, term, velocities, part) * 2.0 * dq**2 / velocities**3)
 
 
-def _columns(
-    robot: Robot,
-    term: FrictionTerm,
-    velocities: Array,
-    parts: Sequence[Segment],
-    signal: SignalProcessing,
-    system: LinearSystem,
-    shape: Shape = _law,
-) -> Array:
+def _columns(log: _Along, term: FrictionTerm, velocities: Array, shape: Shape = _law) -> Array:
     """Return columns of W of a law at velocities or widths (k,), (r, k): decimated, zero in the rows of the other joints."""
-    columns = np.zeros((system.y.size, velocities.size))
-    columns[system.joints[term.joint]] = decimated(
-        [shape(robot, term, velocities, part) for part in parts], parts, signal
-    )
+    columns = np.zeros((log.system.y.size, velocities.size))
+    values = [shape(log.robot, term, velocities, part) for part in log.parts]
+    columns[log.system.joints[term.joint]] = decimated(values, log.parts, log.signal)
     return columns
 
 
@@ -362,19 +360,12 @@ def _gains(w: Array, index: int, columns: Array, y: Array, weights: Array) -> Ar
     return np.asarray(np.where(new > 1e-8 * size, (shares / np.where(new > 0.0, new, 1.0)) ** 2, 0.0))
 
 
-def _refined(
-    robot: Robot,
-    velocities: Array,
-    inner: np.ndarray,
-    parts: Sequence[Segment],
-    signal: SignalProcessing,
-    system: LinearSystem,
-    solve: Solve,
-) -> tuple[Array, Array]:
+def _refined(log: _Along, velocities: Array, inner: np.ndarray, solve: Solve) -> tuple[Array, Array]:
     """Gauss-Newton steps on the velocities that the grid found inside the range; those and their standard deviations.
 
     All other columns are eliminated once for each set of weights, so that a step is a fit of two columns a velocity.
     """
+    robot, system = log.robot, log.system
     terms = robot.friction.estimated
     moving = [int(k) for k in np.flatnonzero(inner)]
     std = np.full(len(terms), np.nan)
@@ -386,8 +377,7 @@ def _refined(
     low, high = np.array([_range(robot, terms[k]) for k in moving]).T
 
     def columns(shape: Shape) -> Array:
-        columns = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]
-        return np.hstack(columns)
+        return np.hstack([_columns(log, terms[k], velocities[[k]], shape) for k in moving])
 
     for _ in range(VELOCITY_WEIGHTS):
         _, weights = solve(replace(system, w=w))

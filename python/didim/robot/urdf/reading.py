@@ -199,18 +199,18 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     joints = {joint.name: joint for joint in description.joints.values()}
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
     free = [name for name in free if joints[name].kind in MOVING]
-    notes = (
-        [f"held at the pose of the file, because joints of this type are not supported: {series(held)}"]
-        if held
-        else []
-    )
-    stand = {
+    notes = []
+    if held:
+        notes.append(
+            f"held at the pose of the file, because joints of this type are not supported: {series(held)}"
+        )
+    stand = [
         name
         for name in free
         if (leader := joints[name].mimic) is not None and (chain.tip == WHOLE or leader not in joints)
-    }
+    ]
     if stand:
-        names = [f"{name} (of {joints[name].mimic})" for name in free if name in stand]
+        names = [f"{name} (of {joints[name].mimic})" for name in stand]
         notes.append(f"fixed, because they follow joints that are locked or do not exist: {series(names)}")
     free = [name for name in free if name not in stand]
     if free and chain.tip == WHOLE:
