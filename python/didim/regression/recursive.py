@@ -19,7 +19,7 @@ from ..robot.robot import Robot
 from .least_squares import dependence_sentence
 from .selection import select
 from .triangles import Triangles
-from .weights import SMALLEST_RELATIVE_RESIDUAL
+from .weights import positive_rms
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,12 +221,11 @@ class Recursive:
                 f"{n * self.robot.n_dof:g} rows cannot determine {columns} parameters: more chunks are needed"
             )
         names = tuple(self.robot.base_parameters.names[index] for index in self._estimated)
-        floor = SMALLEST_RELATIVE_RESIDUAL * np.array([np.linalg.norm(z) for _, z in system])
+        torques = np.array([np.linalg.norm(z) for _, z in system])
         sigma, residuals = np.ones(self.robot.n_dof), np.ones(self.robot.n_dof)
         for number in range(reweightings + 1):
             if number:
-                sigma = np.maximum(residuals, np.where(floor > 0.0, floor, floor.max())) / np.sqrt(n)
-                sigma = np.where(sigma > 0.0, sigma, 1.0)
+                sigma = positive_rms(residuals, torques, n)
             stacked = np.vstack([rows / size for (rows, _), size in zip(system, sigma, strict=True)])
             target = np.concatenate([z / size for (_, z), size in zip(system, sigma, strict=True)])
             # Triangles of a poor motion have few rows; the core names the missing parameters.
@@ -241,7 +240,6 @@ class Recursive:
         variance = float(np.sum((residuals / sigma) ** 2)) / (n * self.robot.n_dof - columns)
         inverse = np.asarray(solved.inverse_r)
         beta = self._selection.expand(solution)
-        torques = np.array([np.linalg.norm(z) for _, z in system])
         return RecursiveEstimate(
             names=self.robot.base_parameters.names,
             beta=beta,

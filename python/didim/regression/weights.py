@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .linear_system import LinearSystem
@@ -16,8 +17,12 @@ SMALLEST_RELATIVE_RESIDUAL = 1e-9
 
 def joint_sigma(system: LinearSystem, residual: Array) -> Array:
     """Root mean square of each joint's residuals, never zero; shape (n_dof,)."""
-    sigma = system.norms(residual) / np.sqrt(system.counts)
-    torque = system.norms(system.measured) / np.sqrt(system.counts)
+    return positive_rms(system.norms(residual), system.norms(system.measured), system.counts)
+
+
+def positive_rms(residual: Array, measured: Array, counts: Array | NDArray[np.intp] | float) -> Array:
+    """Root mean square of residuals from their norms, those of the torques, (n_dof,) each, and the numbers of rows; never zero."""
+    sigma, torque = residual / np.sqrt(counts), measured / np.sqrt(counts)
     # A joint without torque gets the size of the largest.
     floor = SMALLEST_RELATIVE_RESIDUAL * np.where(torque > 0.0, torque, torque.max(initial=0.0))
     sigma = np.maximum(sigma, floor)

@@ -257,9 +257,11 @@ def _mounts(
     mounts_read = []
     for number, joint in enumerate(joints, start=1):
         keys = ("antecedent", "gamma_deg", "gamma_rad", "b_m", "shift_m")
-        if convention == "dh" and any(joint.has(key) for key in keys):
-            given = next(key for key in keys if joint.has(key))
-            joint.fail(f"{given} is for modified rows, and this table is a standard one (convention = 'dh')")
+        given = [key for key in keys if joint.has(key)] if convention == "dh" else []
+        if given:
+            joint.fail(
+                f"{given[0]} is for modified rows, and this table is a standard one (convention = 'dh')"
+            )
         antecedent = joint.integer("antecedent", number - 1)
         if antecedent > len(joints) or antecedent == number or (antecedent > number and not coupled):
             joint.fail(f"antecedent must be a joint before this one, 0 for the base, got {antecedent}")

@@ -154,11 +154,13 @@ def _springs(robot: Robot) -> list[str]:
     for key, laws in SPRINGS.items():
         joints = [term.joint + 1 for term in terms if term.law == laws[0]]
         lines += [f"{key} = {joints}"] if joints else []
-    cylinders = [term for term in terms if term.law == CYLINDER[0]]
-    for term in cylinders:
+    for term in (term for term in terms if term.law == CYLINDER[0]):
         a, b, phi, rest = term.values
-        lines += ["", "[[springs.cylinder]]", f"joint = {term.joint + 1}", f"a_m = {_number(a)}"]
         lines += [
+            "",
+            "[[springs.cylinder]]",
+            f"joint = {term.joint + 1}",
+            f"a_m = {_number(a)}",
             f"b_m = {_number(b)}",
             f"phi_deg = {_number(math.degrees(phi))}",
             f"rest_m = {_number(rest)}",
@@ -220,10 +222,7 @@ def _urdf(places: Correspondence) -> list[str]:
         "",
         "# How frames and names go back to the URDF; `didim export` reads it.",
         "[urdf]",
-        f"file = {quoted(places.file)}",
-        f"sha256 = {quoted(places.sha256)}",
-        f"base = {quoted(places.base)}",
-        f"tip = {quoted(places.tip)}",
+        *(f"{key} = {quoted(getattr(places, key))}" for key in ("file", "sha256", "base", "tip")),
     ]
     if places.lock:
         pairs = ", ".join(f"{toml_key(name)} = {_number(value)}" for name, value in places.lock)
@@ -234,11 +233,8 @@ def _urdf(places: Correspondence) -> list[str]:
     for link in places.links:
         lines += ["", "[[urdf.link]]", f"joint = {quoted(link.joint)}", f"link = {quoted(link.link)}"]
         lines.append(f"pose = {_pose(link.pose)} # of the link in frame j, m")
-        lines += [
-            f"{key} = [{', '.join(map(quoted, names))}]"
-            for key, names in (("lumped", link.lumped), ("locked", link.locked))
-            if names
-        ]
+        others = {"lumped": list(link.lumped), "locked": list(link.locked)}
+        lines += [f"{key} = {quoted(names)}" for key, names in others.items() if names]
     return lines
 
 

@@ -199,12 +199,10 @@ def friction_alarm(
     p_value = np.min(probability, axis=0)
     families = np.array([candidate.family for candidate in candidates])
     visible = {family: np.max(seen[families == family], axis=0) for family in tested}
-    raised = bool((p_value < LEVEL).any())
     moved: dict[str, tuple[float, Array]] = {}
-    if raised:
-        moved = _shifts(
-            candidates, [candidate.start(parts, signal) for candidate in candidates], limbs, system
-        )
+    if (p_value < LEVEL).any():
+        starts = [candidate.start(parts, signal) for candidate in candidates]
+        moved = _shifts(candidates, starts, limbs, system)
     b = system.w.shape[1]
     changes = [np.abs(change[:b]) for _, change in moved.values()]
     return FrictionAlarm(

@@ -152,8 +152,6 @@ class Description:
         Inertia by name of the link.
     joints : mapping of str to UrdfJoint
         Joint by the name of its child link.
-    outgoing : mapping of str to tuple of UrdfJoint
-        Joints by the name of their parent link.
     root : str
         The link without a parent.
     gravity : tuple of float
@@ -166,10 +164,17 @@ class Description:
     name: str
     links: Mapping[str, Inertial | None]
     joints: Mapping[str, UrdfJoint]
-    outgoing: Mapping[str, tuple[UrdfJoint, ...]]
     root: str
     gravity: tuple[float, ...] = GRAVITY
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def outgoing(self) -> Mapping[str, tuple[UrdfJoint, ...]]:
+        """Joints by the name of their parent link, in the order of the file."""
+        outgoing: dict[str, tuple[UrdfJoint, ...]] = {}
+        for joint in self.joints.values():
+            outgoing[joint.parent] = (*outgoing.get(joint.parent, ()), joint)
+        return outgoing
 
     @cached_property
     def order(self) -> tuple[str, ...]:
@@ -237,7 +242,6 @@ def read_description(data: bytes, where: str) -> Description:
         if lacks:
             notes.append(f"the <inertial> of link {name} is left out: {lacks}")
     joints: dict[str, UrdfJoint] = {}
-    outgoing: dict[str, tuple[UrdfJoint, ...]] = {}
     names: set[str] = set()
     for element in outermost.all("joint"):
         joint = _joint(element, where)
@@ -252,14 +256,13 @@ def read_description(data: bytes, where: str) -> Description:
             )
         names.add(joint.name)
         joints[joint.child] = joint
-        outgoing[joint.parent] = (*outgoing.get(joint.parent, ()), joint)
     roots = [name for name in links if name not in joints]
     if not links:
         raise RobotError(f"{where}: it has no <link>")
     if not roots:
         raise RobotError(f"{where}: its links must be one tree, and it has no link without a parent")
     name = outermost.attributes.get("name", "")
-    description = Description(where, name, links, joints, outgoing, roots[0])
+    description = Description(where, name, links, joints, roots[0])
     reached = set(description.order)
     lost = [link for link in links if link not in reached]
     if lost:

@@ -24,7 +24,7 @@ from ..payload import LARGEST
 from ..rigid_body import central, pose, skew, turn
 from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
-from .description import Description, Inertial, UrdfJoint
+from .description import GRAVITY, Description, Inertial, UrdfJoint
 from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied, world_notes
 from .solids import along, direction_of, solid_inertial
 from .xml_spans import Element, parse_xml
@@ -50,7 +50,6 @@ class Reader:
     defaults: Defaults
     links: dict[str, Inertial | None] = field(default_factory=dict)
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
-    outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
     meshes: list[str] = field(default_factory=list)
     curved: list[str] = field(default_factory=list)
     own_limits: dict[str, float] = field(default_factory=dict)
@@ -151,7 +150,6 @@ class Reader:
             raise RobotError(f"{self.where}: there are two joints {joint.name!r}")
         self.links.setdefault(child, None)
         self.joints[child] = joint
-        self.outgoing[parent] = (*self.outgoing.get(parent, ()), joint)
 
     def _joint(
         self, element: Element, body: str, number: int, count: int, childclass: str
@@ -283,7 +281,7 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     """
     where = path.name
     outermost, sections, reader = walked(data, path)
-    gravity = np.array([0.0, 0.0, -9.81])
+    gravity = np.array(GRAVITY)
     for section in sections:
         if section.tag == "option":
             gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
@@ -295,9 +293,6 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         if (actuator := actuators.get(joint.name)) is not None:
             driven[child] = replace(joint, actuator=actuator, effort=actuator.effort)
     joints = tied(sections, driven, where)
-    outgoing = {
-        link: tuple(joints[joint.child] for joint in children) for link, children in reader.outgoing.items()
-    }
     links = reader.links
     if reader.meshes:
         names = series(dict.fromkeys(reader.meshes))
@@ -311,9 +306,7 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     if unread:
         notes.append(f"not read: {brief('; '.join(unread), 120)}")
     name = outermost.attributes.get("model", "")
-    return Description(
-        where, name, links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)
-    )
+    return Description(where, name, links, joints, WORLD, tuple(float(g) for g in gravity), tuple(notes))
 
 
 def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
