@@ -99,7 +99,7 @@ def controls(draws: int) -> None:
     log = didim.simulated_log(experiment, x, noise=False)
     assert log.measurement is not None
     job = didim.IDIMLS().job(log)
-    (part,) = job.parts("fit", 0.0)
+    (part,) = job.parts("fit")
     system = job.system([part])
     truth = log.robot.base_parameters.project(x)
     stages = decimation_stages(len(part.tau), job.signal)
@@ -179,7 +179,7 @@ def of_didim(seeds: int) -> None:
 def cost(experiment: didim.Experiment) -> None:
     """Processor time of the jackknife, and how near its closed form is to solving again."""
     job = didim.IDIMLS().job(experiment)
-    system = job.system(job.parts("fit", 0.0))
+    system = job.system(job.parts("fit"))
     fit = solve(system, job.settings)
     times = []
     for _ in range(9):

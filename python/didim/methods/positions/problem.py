@@ -170,7 +170,7 @@ class Problem:
             step = settings.step_s or STEP_S
             fine = FINE_STEP_S if {*SOFT} & {*experiment.unknown} else FINE_SHARE * rest
             settings = replace(settings, step_s=step, fine_step_s=min(step, fine), integrator="rk4")
-        self.robot, self.limbs = robot, limbs_of(robot)
+        self.robot, self.limbs = robot, list(limbs_of(robot))
         self.stops = [*stops_of(experiment, self.limbs, self.values), *self.pushed]
         self.rollouts, self.held_out = self._rollouts("fit", settings), self._rollouts("held-out", settings)
         whole = sum(
