@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.placement import Mount, joined
+from ..robot.placement import chain, joined
 from ..robot.robot import Robot
 
 REMEMBERED = 8
@@ -78,11 +78,10 @@ def limb_of(robot: Robot, joints: tuple[int, ...]) -> Limb:
     driven = tuple(joint for joint in joints if joint < robot.n_dof)
     index_of = {joint: k for k, joint in enumerate(joints)}
     geometry, friction = robot.geometry, robot.friction
+    every = geometry.mounts or chain(robot.n_joints)
     mounts = tuple(
         replace(mount, parent=None if mount.parent is None else index_of[mount.parent])
-        for mount in (
-            (geometry.mounts or tuple(Mount(parent=p) for p in geometry.parents))[joint] for joint in joints
-        )
+        for mount in (every[joint] for joint in joints)
     )
     followers = tuple(
         replace(follower, leaders=tuple((index_of[leader], factor) for leader, factor in follower.leaders))

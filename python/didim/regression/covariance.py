@@ -58,12 +58,7 @@ def covariance(
             for joint in np.flatnonzero(last > first):
                 q[joint] = columns, part[first[joint] : last[joint]]
         return _decimated(system, settings, q, weighted, inverse_r)
-    variance = float(np.sum(weighted**2)) / settings.divisor(*system.w.shape)
-    spread = np.zeros_like(inverse_r)
-    for _, columns in system.parts:
-        square = np.ix_(columns, columns)
-        spread[square] = white(variance, inverse_r[square])
-    return spread
+    return white(float(np.sum(weighted**2)) / settings.divisor(*system.w.shape), inverse_r)
 
 
 def white(variance: float, inverse_r: Array) -> Array:

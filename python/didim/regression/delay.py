@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,25 +213,24 @@ class _Search:
         # One factorisation for all shifts, and for the columns of the delays beside these.
         unit, self.size = unit_columns(self.w)
         self.basis, self.triangle = np.linalg.qr(unit)
-        self.norms: dict[int, float] = {}
         self.misfit = float("inf")
 
     def best(self, reach: int) -> int:
         """Return the whole shift with the smallest residual."""
         # A grid of at most 21 shifts, then finer ones around the lowest, down to single samples.
         centre, half = 0, reach
+
+        @cache
+        def norm(shift: int) -> float:
+            return self.residual_norm(np.full(len(self.system.joints), float(shift)))
+
         while True:
             step = max(1, half // 10)
             grid = range(max(-reach, centre - half), min(reach, centre + half) + 1, step)
-            centre = min(grid, key=self._norm)
+            centre = min(grid, key=norm)
             if step == 1:
                 return centre
             half = 2 * step
-
-    def _norm(self, shift: int) -> float:
-        if shift not in self.norms:
-            self.norms[shift] = self.residual_norm(np.full(len(self.system.joints), float(shift)))
-        return self.norms[shift]
 
     def residual_norm(self, shift: Array) -> float:
         """Return the norm of the weighted residual with the torque of each joint moved back by its shift, (n_dof,)."""

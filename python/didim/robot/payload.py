@@ -175,14 +175,14 @@ def carrying_joint(robot: Robot, payload: Payload) -> int:
     ExperimentError
         For a link that the robot does not have, and for a tree, which has several last links, without one.
     """
-    named = dict(enumerate(robot.all_joint_names))
-    links = {} if robot.correspondence is None else dict(enumerate(robot.correspondence.links))
-    names = {str(joint + 1): joint for joint in range(robot.n_joints)}
-    names |= {name: joint for joint, name in named.items()}
-    names |= {link.link: joint for joint, link in links.items()}
+    numbers = tuple(str(joint + 1) for joint in range(robot.n_joints))
+    joints = robot.all_joint_names or numbers
+    places = robot.correspondence
+    links = joints if places is None else tuple(place.link for place in places.links)
+    names = {name: joint for column in (numbers, joints, links) for joint, name in enumerate(column)}
     if payload.link in names:
         return names[payload.link]
-    known = [links[joint].link if links else named.get(joint, str(joint + 1)) for joint in ends(robot)]
+    known = [links[joint] for joint in ends(robot)]
     where = f"payload '{payload.name}':"
     if payload.link is not None:
         text = f"robot {robot.name!r} has no link {payload.link!r}{did_you_mean(payload.link, names)}"

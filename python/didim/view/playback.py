@@ -79,20 +79,18 @@ def of_log(experiment: Experiment, parameters: str | None) -> tuple[list[Playbac
             notes.append(f"recording '{recording.name}' has no positions, so there is no measured motion")
     if parameters is None:
         return playbacks, notes
-    if experiment.reference is None or experiment.controller is None:
-        return playbacks, [
-            *notes,
-            "no simulated motion: the experiment has no [reference] or no [controller]",
-        ]
-    try:
-        report = simulate_experiment(experiment, parameters)
-    except DidimError as reason:
-        return playbacks, [*notes, f"no simulated motion: {reason}"]
-    if report.outcome.completed:
-        playbacks.append(Playback(label="simulated", t=report.loop.t, q=report.arrays[0]))
-    else:
-        notes.append(f"no simulated motion: {report.outcome}")
-    return playbacks, notes
+    why: object = "the experiment has no [reference] or no [controller]"
+    if experiment.reference is not None and experiment.controller is not None:
+        try:
+            report = simulate_experiment(experiment, parameters)
+        except DidimError as reason:
+            why = reason
+        else:
+            if report.outcome.completed:
+                simulated = Playback(label="simulated", t=report.loop.t, q=report.arrays[0])
+                return [*playbacks, simulated], notes
+            why = report.outcome
+    return playbacks, [*notes, f"no simulated motion: {why}"]
 
 
 def _residual(experiment: Experiment, recording: Recording, parameters: str) -> Array | None:
