@@ -198,4 +198,5 @@ def test_another_encoding_is_named() -> None:
 )
 def test_limits_that_stand_for_none(limit: str, expected: tuple[float | None, ...]) -> None:
     joint = read_description(one_joint(f"<limit {limit}/>"), "arm.urdf").joints["b"]
-    assert (joint.lower, joint.upper, joint.velocity, joint.effort) == expected
+    limits = joint.limits
+    assert (*(limits.position or (None, None)), limits.velocity, limits.effort) == expected

@@ -161,10 +161,9 @@ def drives_of(fit: Identification, where: str) -> Drives:
     values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
     positions = fit.settings.get("positions") or {}
     servo: Mapping[str, Sequence[float | None]] = positions.get("drive", {})
-    smoothing = robot.get("friction", {}).get("smoothing") or [0.0] * len(names)
-    if positions.get("soft"):
-        smoothing = [0.0] * len(names)
-    terms = Friction.terms_of(robot.get("friction", {}).get("terms", ()))
+    friction = robot.get("friction", {})
+    smoothing = () if positions.get("soft") else friction.get("smoothing") or ()
+    terms = Friction.terms_of(friction.get("terms", ()))
     drives, missed = [], {}
     names += tuple(follower["name"] for follower in robot["geometry"].get("followers", ()))
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
@@ -197,7 +196,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 rest=-offset / stiffness if stiffness else 0.0,
                 offset=0.0 if stiffness else offset,
                 bias_rad=of("bias_rad") or 0.0,
-                smoothing=float(smoothing[j]) if j < n else 0.0,
+                smoothing=float(smoothing[j]) if j < len(smoothing) else 0.0,
                 softness=(creep, rest) if creep and rest and positions.get("soft") else None,
                 per_step={
                     FIELDS[row["kind"]]: row["per_step"]

@@ -223,8 +223,7 @@ def _indent(data: bytes, start: int) -> bytes:
     """Return the indentation of an element that is the first on its line."""
     line = data.rfind(b"\n", 0, start) + 1
     before = data[line:start]
-    match = re.match(rb"[ \t]*", before)
-    return match.group() if match else b""
+    return before[: len(before) - len(before.lstrip(b" \t"))]
 
 
 def _safe(name: str) -> str:

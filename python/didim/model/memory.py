@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from ..robot.friction import HOLD_WIDTH, OF_PATH
+from ..robot.parameters import friction_names
 from ..robot.robot import Robot
 
 FADED = 60.0
@@ -163,10 +164,8 @@ def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
     values = dict(zip(robot.parameter_names, x, strict=True))
     for term in terms:
         if term.law == "dahl":
-            for side in ("", "+", "-"):
-                name = f"Fc{term.joint + 1}{side}"
-                if name in values:
-                    values[name] += values[term.parameter]
+            for name in friction_names(term.joint, ("Fc",)) & values.keys():
+                values[name] += values[term.parameter]
     return plain, np.array([values[name] for name in plain.parameter_names])
 
 

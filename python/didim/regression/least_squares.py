@@ -71,7 +71,6 @@ def solve(
     check_solvable(system)
     scale = np.ones(system.y.size)
     residual = system.y
-    condition_number = float("inf")
     # The last solution of the loop is the result; the first one has no weights.
     for number in range(1, settings.solutions + 1):
         if number > 1:

@@ -51,9 +51,9 @@ class Parameter(NamedTuple):
         return cls(parts[1], int(parts[2]) - 1, parts[3])
 
 
-def friction_names(joint: int) -> frozenset[str]:
-    """Return the names that viscous and Coulomb friction of a joint, from 0, can have, symmetric or not."""
-    return frozenset(Parameter(kind, joint, side).name for kind in ("Fv", "Fc") for side in ("", "+", "-"))
+def friction_names(joint: int, kinds: Sequence[str] = ("Fv", "Fc")) -> frozenset[str]:
+    """Return the names that friction of a joint, from 0, can have, symmetric or not: viscous and Coulomb friction by default."""
+    return frozenset(Parameter(kind, joint, side).name for kind in kinds for side in ("", "+", "-"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -146,11 +146,8 @@ def _levels(system: LinearSystem, first: Array, columns: Array, changed: NDArray
     """
     friction = np.zeros_like(system.y)
     for joint, rows in enumerate(system.joints):
-        own = [
-            index
-            for index, name in enumerate(system.names)
-            if name in {f"{prefix}{joint + 1}{side}" for prefix in FRICTION for side in ("", "+", "-")}
-        ]
+        names = friction_names(joint, FRICTION)
+        own = [index for index, name in enumerate(system.names) if name in names]
         friction[rows] = system.w[rows][:, own] @ first[own]
     levels = []
     for moved in changed:

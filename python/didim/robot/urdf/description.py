@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..._tools.words import series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import body_pseudo_inertia, pose, rotation_of, turn
+from ..robot import JointLimits
 from ..transmission import SOFTNESS, Actuator
 from .xml_spans import Element, parse_xml
 
@@ -84,8 +85,8 @@ class UrdfJoint:
         Pose of the child link's frame in the parent link's, at position zero.
     axis : (3,) array
         Unit vector in the child link's frame.
-    lower, upper, velocity, effort : float or None
-        Limits (rad or m, rad/s or m/s, N.m or N); None where the file has none, or a zero in its place.
+    limits : JointLimits
+        Limits; None where the file has none, or a zero in its place.
     damping, friction : float
         Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
     mimic : str or None
@@ -110,10 +111,7 @@ class UrdfJoint:
     child: str
     origin: Array
     axis: Array
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    effort: float | None = None
+    limits: JointLimits = field(default_factory=JointLimits)
     damping: float = 0.0
     friction: float = 0.0
     mimic: str | None = None
@@ -394,11 +392,11 @@ def _joint(element: Element, where: str) -> UrdfJoint:
     if kind in MOVING and not length > 0.0:
         kind = f"{kind} about no axis"  # fixed at zero, as joints of unknown type
     limit, dynamics, mimic = (element.find(tag) for tag in ("limit", "dynamics", "mimic"))
-    lower = upper = None
+    position = None
     if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.attributes):
         lower, upper = (_bound(limit, key, where) for key in ("lower", "upper"))
-        if lower is None or upper is None or not lower < upper:
-            lower = upper = None
+        if lower is not None and upper is not None and lower < upper:
+            position = lower, upper
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -406,10 +404,11 @@ def _joint(element: Element, where: str) -> UrdfJoint:
         child=ends[1],
         origin=frame_of(element, where),
         axis=axis / length if length > 0.0 else axis,
-        lower=lower,
-        upper=upper,
-        velocity=_limit(limit, "velocity", where),
-        effort=_limit(limit, "effort", where),
+        limits=JointLimits(
+            position=position,
+            velocity=_limit(limit, "velocity", where),
+            effort=_limit(limit, "effort", where),
+        ),
         damping=_number(dynamics, "damping", where),
         friction=_number(dynamics, "friction", where),
         mimic=mimic.attributes.get("joint", "") if mimic is not None else None,

@@ -22,6 +22,7 @@ from ..._tools.words import brief, counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import central, pose, skew, turn
+from ..robot import JointLimits
 from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
 from .actuators import read_actuators
 from .description import GRAVITY, Description, Inertial, UrdfJoint
@@ -193,8 +194,7 @@ class Reader:
             child="",
             origin=np.eye(4),
             axis=direction_of(self.numbers(element, given, "axis", 0.0, 0.0, 1.0)),
-            lower=float(low) if bounded else None,
-            upper=float(high) if bounded else None,
+            limits=JointLimits(position=(float(low), float(high)) if bounded else None),
             damping=number_of("damping"),
             friction=number_of("frictionloss"),
             armature=number_of("armature"),
@@ -291,7 +291,8 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     driven = dict(reader.joints)
     for child, joint in reader.joints.items():
         if (actuator := actuators.get(joint.name)) is not None:
-            driven[child] = replace(joint, actuator=actuator, effort=actuator.effort)
+            limits = replace(joint.limits, effort=actuator.effort)
+            driven[child] = replace(joint, actuator=actuator, limits=limits)
     joints = tied(sections, driven, where)
     links = reader.links
     if reader.meshes:

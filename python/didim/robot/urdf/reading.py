@@ -24,7 +24,7 @@ from ..friction import Friction, FrictionTerm
 from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
-from ..robot import Geometry, JointLimits, Robot
+from ..robot import Geometry, Robot
 from ..transmission import Follower
 from .chain import LARGEST_CHAIN, WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
@@ -130,12 +130,12 @@ def read_urdf(
         )
     if chain.mimics:
         table, chain = _numbered(table, chain), chain.numbered()
-        one = tuple(tuple(row) for row in np.eye(len(chain.driven)).tolist())
-        geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
+        geometry = _geometry(chain, table, down, _followers(chain))
         names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
         notes.append(f"joints that follow others, with their leaders: {names}")
     actuators = tuple(joint.actuator for joint in chain.joints)
     springs = _springs(chain)
+    terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
     named, missing = _parameters(chain, table, set_name, springs)
     robot = Robot(
         name=description.name or path.stem,
@@ -143,10 +143,8 @@ def read_urdf(
         path=path,
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
-        friction=Friction.plain(
-            len(chain.driven), (FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
-        ),
-        limits=_limits(chain),
+        friction=Friction.plain(len(chain.driven), terms),
+        limits=tuple(joint.limits for joint in chain.driven),
         reduction=None,
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
@@ -242,7 +240,7 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
     return f"{where}: the axes of {what}, adding weak base parameters; write --snap {cure:g}"
 
 
-def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
+def _geometry(chain: Chain, table: MdhTable, down: Array, followers: tuple[Follower, ...] = ()) -> Geometry:
     alpha, d, theta, r = zip(*table.rows, strict=True)
     gravity = table.frame_0[:3, :3].T @ down
     # Gravity nearly along an axis is meant to be along it.
@@ -254,8 +252,9 @@ def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
         theta=theta,
         r=r,
         gravity=tuple(float(value) for value in gravity),
-        coupling=tuple(tuple(row) for row in np.eye(len(alpha)).tolist()),
+        coupling=tuple(tuple(row) for row in np.eye(len(alpha) - len(followers)).tolist()),
         mounts=table.mounts,
+        followers=followers,
     )
 
 
@@ -293,17 +292,6 @@ def _springs(chain: Chain) -> dict[int, tuple[float, float]]:
     return springs
 
 
-def _limits(chain: Chain) -> tuple[JointLimits, ...]:
-    return tuple(
-        JointLimits(
-            position=None if joint.lower is None or joint.upper is None else (joint.lower, joint.upper),
-            velocity=joint.velocity,
-            effort=joint.effort,
-        )
-        for joint in chain.driven
-    )
-
-
 def _parameters(
     chain: Chain,
     table: MdhTable,
@@ -330,11 +318,8 @@ def _parameters(
         reason = why_no_body(pseudo) if pseudo.any() else None
         if reason is not None:
             notes.append(f"link {name} of the file is not a body: {reason}")
-    for key, values in (
-        ("Ia", [joint.armature for joint in chain.joints]),
-        ("Fv", [joint.damping for joint in chain.joints]),
-        ("Fc", [joint.friction for joint in chain.joints]),
-    ):
+    for key, attribute in {"Ia": "armature", "Fv": "damping", "Fc": "friction"}.items():
+        values = [getattr(joint, attribute) for joint in chain.joints]
         if any(values):
             named.update({f"{key}{j + 1}": value for j, value in enumerate(values)})
     for j, (stiffness, torque) in springs.items():

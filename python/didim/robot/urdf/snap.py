@@ -114,16 +114,15 @@ def snap_chain(
         frame = previous @ rotation
         now = frame @ axis
         excess, parallel, about = _from_right_angle(before, now)
+        turned = 0.0
         if 0.0 < abs(excess) <= tolerance:
+            turned = abs(excess)
             frame = turn(about, -excess) @ frame
             rotation = previous.T @ frame
             now = frame @ axis
         elif tolerance < abs(excess) <= (NEARLY_PARALLEL if parallel and parent is not None else SUSPICIOUS):
             left.append(NearlyRight(joint, abs(excess), parallel))
-            excess = 0.0
-        else:
-            excess = 0.0
-        angles[joint] = max(by_rotation, by_axis, abs(excess))
+        angles[joint] = max(by_rotation, by_axis, turned)
         found_origins.append(pose(rotation, origin[:3, 3]))
         found_axes.append(axis)
         frames.append(frame)
