@@ -195,7 +195,8 @@ class Page:
             if shape.kind != "mesh":
                 self._boxes.append((shape.link, box_of(shape)))
             self._layers.setdefault("simulated" if ghost else shape.layer, []).append(handle)
-            if not ghost and shape.layer == "skeleton" and shape.kind in ("sphere", "box") and shape.link > 0:
+            driven = 0 < shape.link <= self.robot.n_dof
+            if driven and not ghost and shape.layer == "skeleton" and shape.kind in ("sphere", "box"):
                 self._coloured.setdefault(shape.link, []).append(handle)
 
     def _add(self, name: str, shape: Shape, opacity: float) -> Any:

@@ -35,12 +35,12 @@ class Compiler:
         Mass (kg) to which all bodies are scaled, zero for none.
     """
 
-    degrees: bool = True
-    eulerseq: str = "xyz"
-    from_geoms: str = "auto"
-    autolimits: bool = True
-    groups: tuple[int, int] = (0, 5)
-    total_mass: float = 0.0
+    degrees: bool
+    eulerseq: str
+    from_geoms: str
+    autolimits: bool
+    groups: tuple[int, int]
+    total_mass: float
 
 
 _Attributes = Mapping[str, Mapping[str, str]]
