@@ -66,12 +66,10 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
         As for `load_robot`.
     """
     outermost, sections, reader = walked(data, path)
-    own: set[int] = set()
-    waiting = [outermost]
-    while waiting:
-        element = waiting.pop()
-        own.add(id(element))
-        waiting += element.children
+    inside = [outermost]
+    for element in inside:  # which grows meanwhile
+        inside += element.children
+    own = set(map(id, inside))
     settings = actuator_settings(sections, path.name)
     actuators, _ = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, path.name)
     return DriveElements(

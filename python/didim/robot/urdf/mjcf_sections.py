@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ...errors import RobotError
 from .description import UrdfJoint
@@ -137,7 +137,7 @@ def by_class(
 def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> dict[str, UrdfJoint]:
     """Return the joints with the leader that a linear ``equality/joint`` ties them to; nonlinear ties lock the joint."""
     zeros = {joint.name: joint.zero for joint in joints.values()}
-    ties: dict[str, tuple[str, float, float]] = {}
+    ties: dict[str, dict[str, Any]] = {}
     for element in inside(sections, "equality"):
         if element.tag == "joint" and element.attributes.get("active", "true") == "true":
             words = element.attributes.get("polycoef", "0 1 0 0 0").split()
@@ -148,14 +148,11 @@ def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> d
             name, leader = (element.attributes.get(key, "") for key in ("joint1", "joint2"))
             # Both positions are relative to the pose in which the file draws the joints.
             at_zero = zeros.get(name, 0.0) + rest
-            line = not any(more) and leader in zeros
-            ties[name] = (leader, slope, at_zero - slope * zeros[leader]) if line else ("", 0.0, at_zero)
-    as_tied = dict(joints)
-    for child, joint in joints.items():
-        if joint.name in ties:
-            leader, slope, offset = ties[joint.name]
-            as_tied[child] = replace(joint, mimic=leader, multiplier=slope, offset=offset)
-    return as_tied
+            if any(more) or leader not in zeros:
+                leader, slope = "", 0.0
+            offset = at_zero - slope * zeros.get(leader, 0.0)
+            ties[name] = {"mimic": leader, "multiplier": slope, "offset": offset}
+    return {child: replace(joint, **ties.get(joint.name, {})) for child, joint in joints.items()}
 
 
 def sprung_tendons(sections: list[Element], defaults: Defaults) -> list[str]:
