@@ -30,6 +30,9 @@ from .rigid_body import inverse
 from .standard_dh import StandardTable, in_other_frames
 from .transmission import Actuator, Follower
 
+MOST_JOINTS = 40
+"""Largest number of joints, as in the core."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class JointLimits:

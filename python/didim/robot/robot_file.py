@@ -24,12 +24,9 @@ from .friction import read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
 from .right_angles import SNAP, RightAngles
-from .robot import LIMIT_KEYS, Geometry, JointLimits, Robot
+from .robot import LIMIT_KEYS, MOST_JOINTS, Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
 from .transmission import read_followers, reduction_matrix
-
-MOST_JOINTS = 40
-"""Largest number of joints, as in the core."""
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
 """Folder of the included robots."""

@@ -18,10 +18,8 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
+from ..robot import MOST_JOINTS
 from .description import MOVING, Description, Inertial, UrdfJoint
-
-LARGEST_CHAIN = 40
-"""Largest number of joints of a robot."""
 
 WHOLE = ""
 """Value of ``tip`` for the whole tree."""
@@ -73,8 +71,6 @@ class Chain:
         Antecedent of each joint, from 0; None for the base.
     origins : tuple of (4, 4) array
         Pose of each moving link at position zero in the moving link that it stands on, or in the base.
-    axes : tuple of (3,) array
-        Unit axis of each joint in its own moving link.
     groups : tuple of tuple of Member
         Links that move with each joint, the moving link first.
     locked : mapping of str to float
@@ -89,10 +85,14 @@ class Chain:
     joints: tuple[UrdfJoint, ...]
     parents: tuple[int | None, ...]
     origins: tuple[Array, ...]
-    axes: tuple[Array, ...]
     groups: tuple[tuple[Member, ...], ...]
     locked: Mapping[str, float]
     mimics: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+
+    @property
+    def axes(self) -> tuple[Array, ...]:
+        """Unit axis of each joint in its own moving link."""
+        return tuple(joint.axis for joint in self.joints)
 
     @property
     def driven(self) -> tuple[UrdfJoint, ...]:
@@ -110,7 +110,6 @@ class Chain:
                 None if parent is None else places[parent] for parent in (self.parents[k] for k in order)
             ),
             origins=tuple(self.origins[k] for k in order),
-            axes=tuple(self.axes[k] for k in order),
             groups=tuple(self.groups[k] for k in order),
         )
 
@@ -220,7 +219,7 @@ def _branches(description: Description, base: str) -> list[UrdfJoint]:
 
 def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoint]:
     """Return at most 40 joints: the outermost ones with the lightest load, as of fingers and wheels, are dropped."""
-    if len(moving) <= LARGEST_CHAIN:
+    if len(moving) <= MOST_JOINTS:
         return moving
     mass: dict[str, float] = {}
     for link in reversed(description.order):
@@ -230,7 +229,7 @@ def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoi
         )
     # A joint carries more than those behind it; of equal loads the last joint of the file is dropped first.
     order = sorted(range(len(moving)), key=lambda k: (-mass[moving[k].child], k))
-    numbers = sorted(order[:LARGEST_CHAIN])
+    numbers = sorted(order[:MOST_JOINTS])
     return [moving[k] for k in numbers]
 
 
@@ -241,10 +240,10 @@ def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
         held = series([f"{joint.name} ({joint.kind})" for joint in unmoved], 80)
         why = f"; joints of this type are held: {held}" if unmoved else ""
         raise RobotError(f"{where}: no joint moves between base and tip{why}")
-    if len(moving) > LARGEST_CHAIN:
+    if len(moving) > MOST_JOINTS:
         names = series((joint.name for joint in moving), 40)
         raise RobotError(
-            f"{where}: a robot has at most {LARGEST_CHAIN} joints, not {len(moving)} ({names}); "
+            f"{where}: a robot has at most {MOST_JOINTS} joints, not {len(moving)} ({names}); "
             "choose a part (--base, --tip), or lock joints (--lock)"
         )
 
@@ -335,7 +334,6 @@ def _assemble(
         joints=tuple(moving),
         parents=tuple(parents),
         origins=tuple(origins),
-        axes=tuple(joint.axis for joint in moving),
         groups=tuple(groups),
         locked=locked,
     )

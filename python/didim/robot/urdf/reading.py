@@ -24,9 +24,9 @@ from ..friction import Friction, FrictionTerm
 from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
-from ..robot import Geometry, Robot
+from ..robot import MOST_JOINTS, Geometry, Robot
 from ..transmission import Follower
-from .chain import LARGEST_CHAIN, WHOLE, Chain, Member, choose_chain
+from .chain import WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
 from .description import MOVING, Description, read_description
 from .mjcf import read_mjcf
@@ -213,7 +213,7 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     free = [name for name in free if name not in stand]
     if free and chain.tip == WHOLE:
         notes.append(
-            f"held at zero, as a robot has at most {LARGEST_CHAIN} joints, those that carry least: {series(free, 70)} "
+            f"held at zero, as a robot has at most {MOST_JOINTS} joints, those that carry least: {series(free, 70)} "
             "(--lock, --base and --tip choose others)"
         )
     elif free:
