@@ -282,14 +282,6 @@ def _check_lengths(joint: Table, **lengths: float) -> None:
             joint.fail(f"{key} must be at most {LARGEST:g} in size, got {length:g}")
 
 
-def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
-    """Whether a parameter set is given in the frames of the robot's own table."""
-    frames = table.text("frames")
-    if frames == "own" and standard is None:
-        table.fail("frames = 'own' is for a robot with convention = 'dh', whose table has frames of its own")
-    return frames == "own"
-
-
 def _joint_names(table: Table, joints: Sequence[Table]) -> tuple[str, ...]:
     """Names of the joints; either all joints have one, or none."""
     names = [joint.text("name", None) for joint in joints]
@@ -332,10 +324,15 @@ def _parameter_sets(
     table: Table, standard: StandardTable | None
 ) -> tuple[dict[str, dict[str, float]], frozenset[str]]:
     """Return the parameter sets by name, and the names of those in the frames of the robot's own table."""
-    parts = {key: table.table(key) for key in table.content}
-    own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
-    values = {
-        key: {name: part.number(name) for name in part.content if name != "frames"}
-        for key, part in parts.items()
-    }
-    return values, own
+    values: dict[str, dict[str, float]] = {}
+    own = set()
+    for key in table.content:
+        part = table.table(key)
+        if part.text("frames") == "own":
+            if standard is None:
+                part.fail(
+                    "frames = 'own' is for a robot with convention = 'dh', whose table has frames of its own"
+                )
+            own.add(key)
+        values[key] = {name: part.number(name) for name in part.content if name != "frames"}
+    return values, frozenset(own)
