@@ -175,6 +175,7 @@ def smallest_step(values: Array, ranges: Array) -> Array:
     return smallest
 
 
+@lru_cache(maxsize=64)  # `check` builds hundreds of linear systems, each of which needs it
 def noise_correlation(signal: SignalProcessing) -> Array | None:
     """Autocorrelation of white noise after the decimation, at the lags of the kept samples.
 
@@ -186,7 +187,7 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     Returns
     -------
     ndarray, shape (n_lags,), or None
-        From lag 0, where it is 1; None without decimation, which leaves white noise white.
+        From lag 0, where it is 1, read-only; None without decimation, which leaves white noise white.
 
     Raises
     ------
@@ -198,15 +199,11 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
     gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
     """
-    return _correlation(signal.decimation) if signal.decimation else None
-
-
-@lru_cache(maxsize=64)
-def _correlation(factors: tuple[int, ...]) -> Array:
-    """Return `noise_correlation`, read-only and cached: `check` builds hundreds of linear systems, each of which needs it."""
-    total = _total(factors)
+    if not signal.decimation:
+        return None
+    total = _total(signal.decimation)
     power = np.ones(1)
-    for factor in reversed(factors):
+    for factor in reversed(signal.decimation):
         # Spectra at the rate before this stage, on the circle; the later stages act on its folds alike.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
         gain = _squared_gain(factor, power.size)
@@ -218,6 +215,7 @@ def _correlation(factors: tuple[int, ...]) -> Array:
     return np.asarray(correlation)
 
 
+@lru_cache(maxsize=64)  # the spectra are long
 def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float]:
     """Return the standard deviations of the rows' ``tau`` and ``dq`` for white noise of size one in the log.
 
@@ -242,29 +240,21 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float]:
     -----
     The power of filtered white noise is the mean of the squared gain over the circle.
     """
-    return _row_noise(signal.decimation, signal.cutoff_hz, signal.order, rate_hz)
-
-
-@lru_cache(maxsize=64)
-def _row_noise(
-    factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
-) -> tuple[float, float]:
-    """Return the factors of `row_noise`, cached, because the spectra are long."""
-    size = _CIRCLE * _total(factors)
+    size = _CIRCLE * _total(signal.decimation)
     power = np.ones(size)
     before = 1
-    for factor in factors:
+    for factor in signal.decimation:
         # The response of a later stage is periodic in its own rate.
         power *= np.tile(_squared_gain(factor, size // before) ** 2, before)
         before *= factor
     angle = 2.0 * np.pi * np.arange(size) / size
     motion = power.copy()
-    if cutoff_hz is not None:
+    if signal.cutoff_hz is not None:
         half = np.minimum(angle, 2.0 * np.pi - angle) / 2.0
         with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
-            warped = np.tan(half) / math.tan(np.pi * cutoff_hz / rate_hz)
+            warped = np.tan(half) / math.tan(np.pi * signal.cutoff_hz / rate_hz)
             # Forward and backward: the squared gain of one pass is the gain of both.
-            motion /= (1.0 + warped ** (2 * order)) ** 2
+            motion /= (1.0 + warped ** (2 * signal.order)) ** 2
     slope = (np.sin(angle) * rate_hz) ** 2
     return math.sqrt(power.mean()), math.sqrt((motion * slope).mean())
 

@@ -54,7 +54,7 @@ def hampel(values: Array) -> tuple[Array, NDArray[np.bool_]]:
     if len(cleaned) <= WINDOW:
         return cleaned, spikes
     for column in range(cleaned.shape[1]):
-        middle, deviation = _medians(cleaned[:, column], WINDOW)
+        middle, deviation = _medians(cleaned[:, column])
         scale = NORMAL_MAD * np.maximum(deviation, np.median(deviation))
         distance = np.abs(cleaned[:, column] - middle)
         # Rounding of constant signals is not a spike.
@@ -71,10 +71,10 @@ def without_spikes(tau: Array, signal: SignalProcessing) -> Array:
     return hampel(tau)[0] if signal.spikes == "hampel" else tau
 
 
-def _medians(signal: Array, window: int) -> tuple[Array, Array]:
+def _medians(signal: Array) -> tuple[Array, Array]:
     """Median, and median absolute deviation from it, of the window around each sample."""
-    half = window // 2
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(signal, half, mode="reflect"), window)
+    half = WINDOW // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(signal, half, mode="reflect"), WINDOW)
     middle, deviation = np.empty(signal.size), np.empty(signal.size)
     for start in range(0, signal.size, AT_ONCE):
         part = slice(start, start + AT_ONCE)
