@@ -67,9 +67,14 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from .studies.validation import Validation as Validation
     from .studies.validation import validate as validate
 
-_LATER = {
-    name: module
-    for module, names in {
+
+def _by_name(places: dict[str, str]) -> dict[str, str]:
+    """Return the module of each name, given the names of each module."""
+    return {name: module for module, names in places.items() for name in names.split()}
+
+
+_LATER = _by_name(
+    {
         "diagnosis.check": "check",
         "excitation.design": "Excitation",
         "excitation.excite": "excite",
@@ -105,13 +110,11 @@ _LATER = {
         "studies.loads.residual": "residual_torques",
         "studies.simulated_log": "packaged_experiment simulated_log",
         "studies.validation": "Validation validate",
-    }.items()
-    for name in names.split()
-}
+    }
+)
 """Modules of the names that are imported on first use, so that a program waits only for the parts it uses."""
-_MOVED = {
-    name: module
-    for module, names in {
+_MOVED = _by_name(
+    {
         "diagnosis.finding": "Findings",
         "errors": "ExperimentError FitError IndefiniteError RankError RecordingError RobotError "
         "RobotWarning ShapeError SignalError StudyError",
@@ -122,9 +125,8 @@ _MOVED = {
         "result.finding": "Finding",
         "robot": "BaseParameters Friction",
         "solvers": "Bounds Consistent LeastSquaresSettings Prior RecursiveEstimate",
-    }.items()
-    for name in names.split()
-}
+    }
+)
 """Modules of public names of 0.2.0 that are no longer public: they work in this version with a `DeprecationWarning`."""
 __all__ = ["DidimError", "set_threads", *_LATER]
 

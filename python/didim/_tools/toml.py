@@ -24,6 +24,9 @@ from .words import brief, counted, did_you_mean, listing, nearest
 MISSING: Any = object()
 """Default of a mandatory key."""
 
+SCHEMA = 1
+"""Version of the file formats that this code reads."""
+
 LARGEST_INTEGER = 2**63 - 1
 """Largest integer that TOML guarantees."""
 
@@ -165,6 +168,12 @@ class Table:
         """Return the value of a key, its declared default, or `MISSING` in the place of the reader's default."""
         value = self.raw(key, default)
         return MISSING if value is default and key not in self._mapping else value
+
+    def check_schema(self) -> None:
+        """Refuse a file of another version of the format than `SCHEMA`."""
+        schema = self.integer("schema")
+        if schema != SCHEMA:
+            self.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
 
     def _typed(self, key: str, default: _Default, kind: type[_Made], noun: str) -> _Made | _Default:
         """Return the value of a key, which must be of one type, or the default."""

@@ -34,9 +34,6 @@ from .loop_tables import read_controller, read_measurement, read_reference, read
 from .specs import SimulationSettings
 from .unknown import read_unknown
 
-SCHEMA = 1
-"""Version of the file format that this code reads."""
-
 SINCE_0_1_0 = {"ends": '"first-order"', "edge_rows": "0"}
 """Keys of ``[signal]`` that are newer than 0.1.0, with the values that reproduce its digits; the defaults differ."""
 
@@ -160,9 +157,7 @@ def read_experiment(
         As for `load_experiment`.
     """
     table = Table(content, path.name, ExperimentError, keys=declared("experiment"))
-    schema = table.integer("schema")
-    if schema != SCHEMA:
-        table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
+    table.check_schema()
     questions = table.texts("open")
     if questions:
         table.fail(f"not finished, open is: {questions[0]} Then delete open")

@@ -23,8 +23,6 @@ from ..studies.simulated_log import LOG_REFINEMENT
 from ..studies.simulated_log import PACKAGED as EXPERIMENTS
 from .keys import Keys
 
-SCHEMA = 1
-"""Version of the file format that this code reads."""
 SHARED = (
     "experiment", "robot", "files", "parameters", "refinement", "noise_in_loop_hz", "other_motion", "root",
 )  # fmt: skip
@@ -177,8 +175,7 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
     """
     canonical(content, path.name)
     table = Table(content, path.name, StudyError, keys=declared("study"))
-    if table.integer("schema") != SCHEMA:
-        table.fail(f"schema {table.raw('schema')} is unknown; this version reads schema {SCHEMA}")
+    table.check_schema()
     experiment, where = _experiment(table.text("experiment"), path)
     robot, robot_where = _robot(Table(experiment, where.name, ExperimentError).text("robot"), where)
     repeat = table.table("repeat")
