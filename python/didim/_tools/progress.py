@@ -21,16 +21,16 @@ class ProgressLine:
     """A line with the progress of a long calculation.
 
     On a terminal it is the current line of stderr, in a notebook an updated output; `close` removes it. Nothing is written to
-    files and pipes.
+    files and pipes, and nothing at all unless it is `wanted`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, wanted: bool = True) -> None:
         self._begin = time.monotonic()
         self._last = 0.0
         self._shown = False
         self._display: Any = None
-        self._terminal = _is_terminal()
-        self._notebook = not self._terminal and in_notebook()
+        self._terminal = wanted and _is_terminal()
+        self._notebook = wanted and not self._terminal and in_notebook()
 
     def show(self, text: str) -> None:
         """Update the line, if the work has taken longer than `DELAY_S`."""

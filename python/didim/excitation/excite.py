@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -84,19 +85,15 @@ def excite(
         robot = robot.with_friction(**settings.friction)
     task = Task(robot, settings)
     points = settings.kind == "point-to-point"
-    line = None if verbose is False else DesignLine(settings.starts, None if points else settings.iterations)
+    line = DesignLine(settings.starts, None if points else settings.iterations, verbose is not False)
 
     def both(start: int, evaluations: int, value: float) -> None:
-        if line is not None:
-            line(start, evaluations, value)
+        line(start, evaluations, value)
         if progress is not None:
             progress(start, evaluations, value)
 
-    try:
+    with closing(line):
         motions = _points(task, both) if points else _series(task, both, executor)
-    finally:
-        if line is not None:
-            line.close()
     return replace(motions, elapsed=time.perf_counter() - began)
 
 

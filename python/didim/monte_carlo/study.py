@@ -116,9 +116,7 @@ def study(
             known = read_rows(path, appended=True)
             _require_own(spec, known, path)
         state = Progress(total=count(spec))
-        line = ProgressLine() if verbose is not False else None
-        if line is not None:
-            stack.callback(line.close)
+        line = stack.enter_context(closing(ProgressLine(verbose is not False)))
         start = time.perf_counter()
         for result in _run(spec, known, state, executor, workers, address, window):
             append["row"](result["row"])
@@ -128,8 +126,7 @@ def study(
             state.failed += result["status"] in (FAILED, ERROR)
             state.lost += result["status"] == LOST
             state.seconds = time.perf_counter() - start
-            if line is not None:
-                line.show(f"study: {state}")
+            line.show(f"study: {state}")
             if progress is not None:
                 progress(state)
         rows = rows_of(*lines.values()) if output is None else read_rows(path, appended=True)

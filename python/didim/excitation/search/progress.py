@@ -25,11 +25,13 @@ class DesignLine:
         Number of starts.
     iterations : int, optional
         Iterations of each start; None for a search that reports a start only at its end.
+    wanted : bool
+        Whether the line is shown.
     """
 
-    def __init__(self, starts: int, iterations: int | None) -> None:
+    def __init__(self, starts: int, iterations: int | None, wanted: bool) -> None:
         self._starts, self._iterations = starts, iterations
-        self._line, self._lock, self._begin = ProgressLine(), threading.Lock(), time.monotonic()
+        self._line, self._lock, self._begin = ProgressLine(wanted), threading.Lock(), time.monotonic()
         self._done: dict[int, float] = {}
         self._values: dict[int, float] = {}
 
