@@ -75,9 +75,10 @@ class DataFolder:
             file: DataFile = OneColumnAFile(files) if isinstance(table.raw("file"), list) else files[0]
             self._files[key] = file if width is None else OneValueALine(file, width)
         file = self._files[key]
-        if file.signals is not None:
+        signals = getattr(file, "signals", None)
+        if signals is not None:
             # Columns of named joints are found by name, in any order.
-            variable = file.signals.get(kind) if variable is None else variable
+            variable = signals.get(kind) if variable is None else variable
             if columns is None and kind != "time":
                 if not joints:
                     table.fail(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NoReturn
 
 from .._tools.arrays import Array
@@ -31,13 +31,10 @@ class DataFile(ABC):
     ----------
     name, sha256 : str
         Its name in messages, and its digest.
-    signals : mapping of str to str, or None
-        Signals for the tables of a recording without `variable`, of files whose columns are joints by name.
     """
 
     name: str
     sha256: str
-    signals: Mapping[str, str] | None = None
 
     @abstractmethod
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:

@@ -80,7 +80,7 @@ class RosBag(DataFile):
         Without `rosbags`, for an unreadable bag, and for a missing or unknown `topic`.
     """
 
-    signals = SIGNALS
+    signals: Mapping[str, str] = SIGNALS
 
     def __init__(self, path: Path, name: str, topic: str | None) -> None:
         self.name = name
