@@ -28,7 +28,7 @@ from typing import Any
 from .._tools.keys import declared
 from .._tools.toml import Table, read_toml
 from ..errors import ExcitationError
-from ..log.units import POSITION, has_joint_values, joint_values, kind_of
+from ..log.units import POSITION, kind_of, optional_joint_values
 from ..robot.collision import read_capsules
 from ..robot.parameter_file import is_file
 from ..robot.robot import Robot
@@ -61,7 +61,7 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
         if key in settings:
             settings[name] = settings.pop(key)
     for key in ("start", "home"):
-        settings[key] = _per_joint(main, key, robot)
+        settings[key] = optional_joint_values(main, key, robot)
     settings["torque_noise"] = _forces(main, "torque_noise", robot)
     if is_file(settings.get("parameters", "")):
         settings["parameters"] = str(path.parent / settings["parameters"])
@@ -72,7 +72,7 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
     limits = table.part("limits")
     settings["position"] = _ranges(limits, robot)
     for key, per in (("velocity", "_s"), ("acceleration", "_s2"), ("jerk", "_s3")):
-        settings[key] = _per_joint(limits, f"max_{key}", robot, per)
+        settings[key] = optional_joint_values(limits, f"max_{key}", robot, per)
     settings["torque"] = _forces(limits, "max_torque", robot)
     limits.done()
     workspace = table.part("workspace")
@@ -92,11 +92,6 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
 def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
     values = table.numbers(key, length=3, default=None)
     return None if values is None else (values[0], values[1], values[2])
-
-
-def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[float] | None:
-    """Return one number per joint (rad or m), or None without a key."""
-    return joint_values(table, key, robot, per) if has_joint_values(table, key, per) else None
 
 
 def _forces(table: Table, key: str, robot: Robot) -> list[float] | None:

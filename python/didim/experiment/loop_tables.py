@@ -14,7 +14,7 @@ import numpy as np
 from .._tools.toml import MISSING, Table
 from .._tools.words import series
 from ..errors import DidimError, ExperimentError
-from ..log.units import POSITION, has_joint_values, joint_values
+from ..log.units import POSITION, has_joint_values, joint_values, optional_joint_values
 from ..loop.controller import Controller, Digital
 from ..loop.memory import ControllerMemory
 from ..loop.reference import Reference
@@ -260,12 +260,12 @@ def _set_name(table: Table, key: str, robot: Robot) -> str | None:
 
 def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
     """Read ``[simulation]``."""
-    smoothing = None
-    if has_joint_values(table, "smoothing", "_s"):
-        smoothing = tuple(joint_values(table, "smoothing", robot, "_s"))
+    smoothing = optional_joint_values(table, "smoothing", robot, "_s")
     per_joint = isinstance(table.raw("fine_step_s", None), list)
     fine = tuple(table.spread("fine_step_s", robot.n_dof)) if per_joint else table.number("fine_step_s", None)
-    settings = SimulationSettings(**table.given(), fine_step_s=fine, smoothing=smoothing)
+    settings = SimulationSettings(
+        **table.given(), fine_step_s=fine, smoothing=None if smoothing is None else tuple(smoothing)
+    )
     if table.has("controller_state"):
         if settings.controller_start is not None:
             table.fail("give controller_start or the table controller_state, not both")
@@ -289,12 +289,10 @@ def _state(table: Table, robot: Robot) -> ControllerMemory:
 
 def read_measurement(table: Table, robot: Robot) -> Measurement:
     """Read ``[measurement]``."""
-
-    def values(key: str) -> tuple[float, ...]:
-        if not has_joint_values(table, key):
-            return ()
-        return tuple(joint_values(table, key, robot, default=0.0))
-
+    values = {
+        key: tuple(optional_joint_values(table, key, robot, default=0.0) or ())
+        for key in ("encoder_resolution", "position_noise")
+    }
     noise: Sequence[float] = ()
     units = [unit for unit in ("n_m", "n") if table.has(f"torque_noise_{unit}")]
     if len(units) > 1:
@@ -303,11 +301,6 @@ def read_measurement(table: Table, robot: Robot) -> Measurement:
         )
     if units:
         noise = table.spread(f"torque_noise_{units[0]}", robot.n_dof)
-    measurement = Measurement(
-        encoder_resolution=values("encoder_resolution"),
-        position_noise=values("position_noise"),
-        torque_noise=tuple(noise),
-        seed=table.integer("seed"),
-    )
+    measurement = Measurement(**values, torque_noise=tuple(noise), seed=table.integer("seed"))
     table.done()
     return measurement

@@ -76,6 +76,13 @@ def joint_values(
     return given
 
 
+def optional_joint_values(
+    table: Table, key: str, robot: Robot, per: str = "", default: float | None = None
+) -> list[float] | None:
+    """Return `joint_values`, or None without the key in any unit."""
+    return joint_values(table, key, robot, per, default) if has_joint_values(table, key, per) else None
+
+
 def _units(table: Table, allowed: Collection[str], side: str, joint_kinds: Sequence[str]) -> list[str]:
     """Return one unit for each column, given once or as a list; on the joint side it must suit the joint."""
     n = len(joint_kinds)
