@@ -319,7 +319,7 @@ class Table:
         return Table(mapping, self._where, self._error, path, self._keys.inside(key))
 
     def _finite(self, key: str, value: object, where: str = "") -> float:
-        """Return a finite number within the declared bounds of its key; `place` follows the key in messages."""
+        """Return a finite number within the declared bounds of its key; `where` follows the key in messages."""
         number = real_number(value)
         if not math.isfinite(number):
             self.fail(f"{key}{where} must be a finite number, got {brief(repr(value))}")

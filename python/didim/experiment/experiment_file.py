@@ -57,7 +57,7 @@ def load_experiment(
     data
         Folder of the data files; by default that of the experiment file.
     faults
-        For `didim.check`: callback for faults of time stamps, which then do not raise an error.
+        For `didim.check`: list that receives faults of time stamps, which then do not raise an error.
 
     Returns
     -------

@@ -75,7 +75,7 @@ def read_recording(
     folder
         Folder of the data files.
     faults
-        Callback that receives recording and fault of wrong time stamps, instead of an error: the recording then has the rate of
+        List that receives recording and fault of wrong time stamps, instead of an error: the recording then has the rate of
         the time stamps and, without `windows_s`, one window for each stretch between two gaps.
 
     Raises
