@@ -312,7 +312,7 @@ def test_a_simplex_of_a_ten_thousandth_has_collapsed(
 
     monkeypatch.setattr("didim.methods.cloe.simplex.minimise", minimised)
     search = stub(
-        problem=stub(checkpoint=lambda: None), method=stub(variant=variant), literal=variant == "literal", initial=0.25,
+        problem=stub(checkpoint=None), method=stub(variant=variant), literal=variant == "literal", initial=0.25,
         simplex=None, most_iterations=1, most_evaluations=1, stopped=True, history=[], unit=None, _report=None,
         _continued=lambda: stub(evaluations=0, iterations=0),
     )  # fmt: skip

@@ -192,9 +192,8 @@ class Job:
     @property
     def reduction(self) -> Array:
         """Return the reduction matrix of the motors with logged currents, (n_dof, n_dof): the identity for joint-side currents."""
-        drives = (recording.drives for _, recording in recordings_of(self.experiment))
-        reduction = next((each for each in drives if each is not None), None)
-        return np.eye(self.robot.n_dof) if reduction is None else np.array(reduction)
+        drives = recordings_of(self.experiment)[0][1].drives  # those of all recordings to fit
+        return np.eye(self.robot.n_dof) if drives is None else np.array(drives)
 
     @property
     def declared_delay(self) -> Delay:

@@ -57,7 +57,7 @@ class Search:
 
     def __init__(self, steps: SafeSteps) -> None:
         problem = steps.problem
-        self.problem, self.steps, self.checkpoint = problem, steps, problem.checkpoint()
+        self.problem, self.steps, self.checkpoint = problem, steps, problem.checkpoint
         self.candidate, self.damping, self.initial = steps.begin(), 1e-3, math.nan
         self.history: list[Iteration] = []
         self.finished = self.accepted = False

@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,6 @@ class OutputError:
         self.windows = _windows(job, method.output)
         self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
         self.n_simulations = 0
-        self.saved = Checkpoint(None, "")
         self.start = self._start()
         self.scale, acts = self._scale()
         self.directions = Directions.of(self.robot, acts)
@@ -200,11 +200,11 @@ class OutputError:
             f"them, the run {ended}"
         )
 
+    @cached_property
     def checkpoint(self) -> Checkpoint:
-        """Return the checkpoint of the search, tied to this problem."""
+        """Checkpoint of the search, tied to this problem."""
         path = self.method.checkpoint
-        self.saved = Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
-        return self.saved
+        return Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
 
     def fingerprint(self) -> str:
         """Return the digest that identifies a problem: the log, the closed loop, the estimated parameters, the settings."""
@@ -305,7 +305,7 @@ class OutputError:
             },
             remarks=(
                 *remarks,
-                *self.saved.remarks,
+                *self.checkpoint.remarks,
                 *(() if torques else ("the log has no torques, so there are no torque errors",)),
             ),
         )

@@ -56,7 +56,7 @@ class SimplexSearch:
     def run(self) -> Identification:
         """Search to the end."""
         problem = self.problem
-        self.checkpoint = problem.checkpoint()
+        self.checkpoint = problem.checkpoint
         self.begin = time.monotonic()
         status = Status.NOT_CONVERGED
         try:
