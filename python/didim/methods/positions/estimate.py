@@ -101,12 +101,10 @@ def identify_positions(
     else:
         now = searched(now, options)
     rest = without_pushes(now, options)
-    again = rest is not now and may_be_soft(experiment) and not rest.problem.soft
-    now = rest
-    if again:
+    if rest is not now and may_be_soft(experiment) and not rest.problem.soft:
         # Pushes had hidden the law of friction.
-        now, shift = search_of_either_friction(now, options)
-    now = with_explained_stretches(now, options)
+        rest, shift = search_of_either_friction(rest, options)
+    now = with_explained_stretches(rest, options)
     over = errors_over_noise(now)
     inexact = errors_over_noise(now, LEAST_M) > LASTING
     at = [bool(inexact[list(column.joints)].any()) for column in now.problem.columns]
