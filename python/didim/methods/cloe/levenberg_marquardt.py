@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -158,7 +159,7 @@ class Search:
     def result(self, status: Status) -> Identification:
         """Return the result at the last candidate."""
         problem = self.problem
-        spread, condition, remarks = spread_at(problem, self.errors, self.jacobian)
+        spread, condition = spread_at(problem, self.errors, self.jacobian)
         if math.isinf(condition) and status is Status.CONVERGED:
             status = Status.ILL_CONDITIONED
         positions = problem.weights.get("q")
@@ -174,7 +175,6 @@ class Search:
                 "initial_cost": self.initial,
                 "moved_by_finer_steps": self.shift_by_finer_steps,
             },
-            remarks=(*remarks, *spread.remarks),
         )
         return self.steps.finish(fit, self.candidate)
 
@@ -294,23 +294,17 @@ def identifies(normal: Array) -> bool:
     return bool(values[0] > SINGULAR_NORMAL_MATRIX * values[-1])
 
 
-def spread_at(
-    problem: OutputError, errors: Array, jacobian: Jacobian | None
-) -> tuple[Spread, float, list[str]]:
-    """Return the spread of the estimate, the condition number of the scaled columns, and remarks.
+def spread_at(problem: OutputError, errors: Array, jacobian: Jacobian | None) -> tuple[Spread, float]:
+    """Return the spread of the estimate, and the condition number of the scaled columns.
 
     The covariance is that of the linear problem with the last Jacobian, without another simulation. It includes the correlation
     of the output errors and, unless the settings say otherwise, the variances of the jackknife.
     """
     names = [problem.base.names[index] for index in problem.estimated]
     empty = np.zeros((len(names), len(names)))
-    nothing = Spread(empty, None)
     if jacobian is None:
-        return (
-            nothing,
-            math.inf,
-            ["stopped before the Jacobian was computed, so there are no standard deviations"],
-        )
+        remark = "stopped before the Jacobian was computed, so there are no standard deviations"
+        return Spread(empty, None, (remark,)), math.inf
     scaled = [_eigen(part.normal) for part in jacobian.parts]
     worst = min(range(len(scaled)), key=lambda k: scaled[k][1][0])
     least, largest = scaled[worst][1][0], max(values[-1] for _, values, _ in scaled)
@@ -318,7 +312,7 @@ def spread_at(
         weak = jacobian.parts[worst].columns[np.abs(scaled[worst][2][:, 0]) > 0.1]
         hardly = series((names[k] for k in weak), 90)
         remark = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
-        return nothing, math.inf, [remark]
+        return Spread(empty, None, (remark,)), math.inf
     blocks, correlated = problem.blocks(), list[int]()
     covariance, roots, factors = empty.copy(), empty.copy(), []
     for part, (size, values, vectors) in zip(jacobian.parts, scaled, strict=True):
@@ -338,11 +332,11 @@ def spread_at(
         problem.job.selection,
         names,
     )
-    remarks = []
     if correlated:
         joints = joints_text(sorted(set(correlated)))
-        remarks.append(
+        remark = (
             f"the output errors of {joints} are correlated in time: they are model error more than noise; the standard deviations "
             "include the correlation, but no bias"
         )
-    return spread, float(np.sqrt(largest / least)), remarks
+        spread = replace(spread, remarks=(remark, *spread.remarks))
+    return spread, float(np.sqrt(largest / least))

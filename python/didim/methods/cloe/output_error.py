@@ -270,7 +270,6 @@ class OutputError:
         spread: Spread,
         condition_number: float,
         settings: dict[str, Any],
-        remarks: Sequence[str] = (),
     ) -> Identification:
         """Build the result at a point, with the errors of its simulated torques."""
         x = self.standard(point[None])[0]
@@ -304,7 +303,7 @@ class OutputError:
                 **({"simulated": compare_motions(self.job.signal, pieces).record()} if torques else {}),
             },
             remarks=(
-                *remarks,
+                *spread.remarks,
                 *self.checkpoint.remarks,
                 *(() if torques else ("the log has no torques, so there are no torque errors",)),
             ),

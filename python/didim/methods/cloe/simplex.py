@@ -27,6 +27,10 @@ COLLAPSED_SHARE = 1e-4
 """Size of a collapsed simplex, as a share of its first edges and of the initial norm; fminsearch's 1e-4 otherwise."""
 WORTH = 1e-6
 """Relative improvement of the norm below which a restart is the last."""
+NO_DEVIATIONS = (
+    "the simplex gives no standard deviations; the local optimum it ends in need not be the best one"
+)
+"""Sentence of every result."""
 REPORT_EVERY = 100
 """Iterations between two entries of the history, and between two checkpoints."""
 
@@ -89,7 +93,7 @@ class SimplexSearch:
             self.best,
             status=status,
             history=self.history,
-            spread=Spread(np.zeros((size, size)), None),
+            spread=Spread(np.zeros((size, size)), None, (NO_DEVIATIONS,)),
             condition_number=math.inf,
             settings={
                 "iterations": self.simplex.iterations,
@@ -98,9 +102,6 @@ class SimplexSearch:
                 "initial_norm": self.initial,
                 "final_norm": float(self.simplex.values[0]),
             },
-            remarks=(
-                "the simplex gives no standard deviations; the local optimum it ends in need not be the best one",
-            ),
         )
 
     @property
