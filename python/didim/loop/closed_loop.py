@@ -152,23 +152,20 @@ class ClosedLoop:
     @cached_property
     def limbs(self) -> tuple[tuple[Limb, ClosedLoop], ...]:
         """Limbs of the robot with their loops; empty for a single limb, and if the motions cannot be divided."""
-        limbs = limbs_of(self.robot)
-        loops = [self._of_limb(limb) for limb in limbs] if len(limbs) > 1 else []
-        return tuple((limb, loop) for limb, loop in zip(limbs, loops, strict=False) if loop is not None)
+        limbs, motions = limbs_of(self.robot), [self.reference, self.motion or self.reference]
+        if len(limbs) == 1 or not all(motion.divisible for motion in motions):
+            return ()
+        return tuple((limb, self._of_limb(limb)) for limb in limbs)
 
-    def _of_limb(self, limb: Limb) -> ClosedLoop | None:
-        joints = list(limb.joints)
-        reference, start, external = self.reference.of_joints(joints), self.start, self.external
-        motion = None if self.motion is None else self.motion.of_joints(joints)
-        if reference is None or (motion is None) != (self.motion is None):
-            return None
+    def _of_limb(self, limb: Limb) -> ClosedLoop:
+        joints, start, external = list(limb.joints), self.start, self.external
         return replace(
             self,
             robot=limb.robot,
-            reference=reference,
+            reference=self.reference.of_joints(joints),
             controller=self.controller.of_joints(joints),
             steps=(self.steps[0], [self.steps[1][joint] for joint in joints]),
-            motion=motion,
+            motion=None if self.motion is None else self.motion.of_joints(joints),
             start=None if start is None else ([start[0][j] for j in joints], [start[1][j] for j in joints]),
             external=None if external is None else (external[0], external[1][:, joints]),
             memory=self.memory.of_joints(joints),

@@ -79,13 +79,13 @@ class Reference(Brief):
             raise ReferenceError(f"t must have shape (n_times,), got {times.shape}")
         return self.core.at(times)
 
-    def of_joints(self, joints: Sequence[int]) -> Reference | None:
-        """Return the motion of some joints, from 0.
+    @property
+    def divisible(self) -> bool:
+        """Whether joints have motions of their own: not where accelerations jump, as in moves whose joints arrive together."""
+        return not self.core.breaks
 
-        None if accelerations jump, as in moves whose joints arrive together.
-        """
-        if self.core.breaks:
-            return None
+    def of_joints(self, joints: Sequence[int]) -> Reference:
+        """Return the motion of some joints, from 0, of one that is `divisible`."""
         maker, (first, *arguments) = self.made_from
         at = list(joints)
         if maker == "fourier":
