@@ -141,6 +141,8 @@ class Problem:
         The unknowns.
     stops : list of Stop
         Stretches of the log that no rollout has, for something holds a joint.
+    every_jump : bool
+        As for `ServoLoop.run`; false at first, for a screening does without.
 
     Raises
     ------
