@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array, rms
+from .._tools.arrays import Array, quotient, rms
 from ..model.dynamics import inverse_dynamics
 from ..regression.block import Block, stacked
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.parameters import LogParameters
-from ..result.finding import Finding, Remedy
+from ..result.finding import Finding, Grade, Remedy
 from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
@@ -130,18 +130,21 @@ def size_findings(residual: Residual, growth: float = 1.0, *, chosen: bool = Fal
         share = growth * error
     if not share > SIZE_DOUBTFUL:
         return []
-    shares = residual.lasting(growth) / np.maximum(residual.size, np.finfo(float).tiny)
-    joints = np.flatnonzero((shares > max(SIZE_JOINT, share)) & (residual.size > 0.0))
-    return [
-        Finding(
-            code="size",
-            grade="wrong" if useless or residual.share() > SIZE_WRONG else "doubtful",
-            joints=tuple(int(joint) + 1 for joint in joints),
-            value=share,
-            effect=share,
-            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist(), "chosen": chosen},
-        )
-    ]
+    grade: Grade = "wrong" if useless or residual.share() > SIZE_WRONG else "doubtful"
+    return [size_finding(grade, share, quotient(residual.lasting(growth), residual.size), chosen=chosen)]
+
+
+def size_finding(grade: Grade, share: float, shares: Array, **facts: bool) -> Finding:
+    """Return the finding that a share is missed, most in the joints whose own shares, (n_dof,), are larger."""
+    joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
+    return Finding(
+        code="size",
+        grade=grade,
+        joints=tuple(int(joint) + 1 for joint in joints),
+        value=share,
+        effect=share,
+        facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist(), **facts},
+    )
 
 
 def spike_findings(

@@ -48,7 +48,7 @@ def covariance(
         Inverse of the triangle R of the weighted W.
     """
     weighted = residual * weights
-    if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
+    if _includes_decimation(system, settings):
         # In the orthonormal columns Q = W R^-1: with a nearly dependent W rounding could give negative variances.
         starts, stops = np.array([(rows.start, rows.stop) for rows in system.joints]).T
         q: list[tuple[Rows, Array]] = [(np.arange(0), np.zeros((0, 0)))] * len(starts)
@@ -58,11 +58,25 @@ def covariance(
             for joint in np.flatnonzero(last > first):
                 q[joint] = columns, part[first[joint] : last[joint]]
         return _decimated(system, settings, q, weighted, inverse_r)
-    return white(float(np.sum(weighted**2)) / settings.divisor(*system.w.shape), inverse_r)
+    return _white(system, settings, weighted, inverse_r)
 
 
-def white(variance: float, inverse_r: Array) -> Array:
-    """Equation (10): ``sigma^2 R^-1 R^-T``."""
+def covariance_of_columns(
+    system: LinearSystem, settings: LeastSquaresSettings, q: Array, residual: Array, inverse_r: Array
+) -> Array:
+    """Return the covariance of an estimate whose orthonormal columns are known, as `covariance` does; arguments of `decimated`."""
+    if _includes_decimation(system, settings):
+        return decimated(system, settings, q, residual, inverse_r)
+    return _white(system, settings, residual, inverse_r)
+
+
+def _includes_decimation(system: LinearSystem, settings: LeastSquaresSettings) -> bool:
+    return settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks)
+
+
+def _white(system: LinearSystem, settings: LeastSquaresSettings, residual: Array, inverse_r: Array) -> Array:
+    """Equation (10): ``sigma^2 R^-1 R^-T``; `residual` is weighted."""
+    variance = float(residual @ residual) / settings.divisor(*system.w.shape)
     return variance * np.asarray(inverse_r @ inverse_r.T)
 
 

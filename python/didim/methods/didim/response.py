@@ -24,7 +24,7 @@ import numpy as np
 
 from ..._tools.arrays import Array, quotient
 from ...model.limbs import Directions
-from ...regression.covariance import decimated, white
+from ...regression.covariance import covariance_of_columns
 from ...regression.fit import Fit
 from ...regression.jackknife import Factors
 from ...regression.linear_system import LinearSystem
@@ -159,10 +159,7 @@ class Response:
         inverse = np.linalg.inv(left.T @ (answers / size)) / size[:, None]
         residual = fit.residual * fit.weights
         n = len(fit.solution)
-        if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
-            spread = decimated(system, settings, left, residual, inverse)
-        else:
-            spread = white(float(residual @ residual) / settings.divisor(*system.w.shape), inverse)
+        spread = covariance_of_columns(system, settings, left, residual, inverse)
         factors = Factors(left, answers @ inverse, inverse, residual)
         return replace(fit, covariance=spread[:n, :n], factors=factors)
 

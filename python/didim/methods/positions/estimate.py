@@ -18,10 +18,11 @@ from ..._tools.arrays import Array, quotient, rms, unit_diagonal
 from ..._tools.saved import plain
 from ..._tools.words import series
 from ...errors import FitError
-from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
+from ...evidence.residual import size_finding
+from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
-from ...result.finding import Finding, worded
+from ...result.finding import Finding, Grade, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.positions.record import KEY
@@ -300,18 +301,8 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
     share = float(np.linalg.norm(after) / max(float(np.linalg.norm(tracking)), np.finfo(float).tiny))
     if not share > SIZE_DOUBTFUL:
         return []
-    shares = after / np.maximum(tracking, np.finfo(float).tiny)
-    joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
-    return [
-        Finding(
-            code="size",
-            grade="wrong" if share > SIZE_WRONG else "doubtful",
-            joints=tuple(int(joint) + 1 for joint in joints),
-            value=share,
-            effect=share,
-            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist(), "positions": True},
-        )
-    ]
+    grade: Grade = "wrong" if share > SIZE_WRONG else "doubtful"
+    return [size_finding(grade, share, after / np.maximum(tracking, np.finfo(float).tiny), positions=True)]
 
 
 def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> list[Finding]:

@@ -20,7 +20,7 @@ import didim._core as _core
 
 from ..._tools.arrays import Array, quotient
 from ...errors import FitError, RankError
-from ..covariance import decimated, white
+from ..covariance import covariance_of_columns
 from ..fit import Fit, Progress
 from ..jackknife import Factors
 from ..linear_system import LinearSystem, check_solvable, unit_columns
@@ -249,13 +249,9 @@ def solve_with_instruments(
         solution = _determined(system, weights)
         residual = system.y - system.w @ solution.solution
     weighted = residual * weights
-    if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
-        spread = decimated(system, settings, solution.left, weighted, solution.inverse)
-    else:
-        spread = white(float(weighted @ weighted) / settings.divisor(*system.w.shape), solution.inverse)
     return Fit(
         solution=solution.solution,
-        covariance=spread,
+        covariance=covariance_of_columns(system, settings, solution.left, weighted, solution.inverse),
         residual=residual,
         weights=weights,
         condition_number=float(np.linalg.cond(system.w)),
