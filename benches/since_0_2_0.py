@@ -84,7 +84,6 @@ ROWS = (
         python.packaged_comparison,
         r"largest error [0-3]\.\d sigma",
     ),
-    Row("consistent DIDIM on seven axes in a slack digital loop", python.slack_loop, "converged.*"),
     Row(
         "a recipe for the digits of others that leaves `ends` to the default says so",
         commands.first_order_ends,
@@ -125,7 +124,6 @@ def measure(package: Path, folder: Path, chosen: Sequence[int]) -> dict[str, str
     environment = os.environ | {
         "PYTHONPATH": str(package),
         "OPENBLAS_NUM_THREADS": "1",
-        "SINCE_BENCHES": str(HERE),
     }
     line = [sys.executable, str(HERE / "since_rows.py"), str(folder), str(output), *map(str, chosen)]
     subprocess.run(line, env=environment, check=True, stdout=subprocess.DEVNULL)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -93,16 +92,6 @@ def packaged_comparison() -> str:
     ((name, _),) = compared.fits.items()
     off = compared.deviations(name)
     return f"largest error {np.nanmax(np.abs(off)):.1f} sigma"
-
-
-def slack_loop() -> str:
-    """Consistent DIDIM on seven axes in a slack digital loop; the log by the present version's program."""
-    sys.path.insert(0, os.environ["SINCE_BENCHES"])
-    bench = import_module("slack_loop")
-    if not hasattr(bench, "digital_log"):
-        return "no such log yet"
-    fit = didim.identify(bench.digital_log(1), didim.DIDIM())
-    return f"{fit.status.value.partition(':')[0].lower()}, {fit.n_simulations} simulations"
 
 
 def other_friction() -> str:
