@@ -33,36 +33,26 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
         if losses[worst] > LARGEST_LOSS:
             # The loss goes with the square of the period.
             wanted = _round_up(rate * np.sqrt(losses[worst] / (0.1 * LARGEST_LOSS)))
-            findings.append(
-                _too_slow(
-                    recording,
-                    f"{rate:.6g} Hz is too slow for the motion: central differences lose "
-                    f"{100.0 * losses[worst]:.2g} % of the acceleration of joint {worst + 1}",
-                    f"Record at {wanted:.6g} Hz or more, or move less fast",
-                    (worst + 1,),
-                )
-            )
+            joints: tuple[int, ...] = (worst + 1,)
+            reason = f"motion: central differences lose {100.0 * losses[worst]:.2g} % of the acceleration of joint {worst + 1}"
+            advice = f"Record at {wanted:.6g} Hz or more, or move less fast"
         elif cutoff is not None and cutoff >= rate / 2.0:
-            findings.append(
-                _too_slow(
-                    recording,
-                    f"{rate:.6g} Hz is too slow for the filter: its cut-off of {cutoff:g} Hz is not below half the rate",
-                    "Record faster, or lower cutoff_hz under [signal]",
-                    (),
-                )
+            joints = ()
+            reason = f"filter: its cut-off of {cutoff:g} Hz is not below half the rate"
+            advice = "Record faster, or lower cutoff_hz under [signal]"
+        else:
+            continue
+        findings.append(
+            worded(
+                kind="too-slow",
+                sentence=f"recording '{recording.name}': {rate:.6g} Hz is too slow for the {reason}",
+                advice=advice,
+                recording=recording.name,
+                joints=joints,
+                value=rate,
             )
+        )
     return findings
-
-
-def _too_slow(recording: Recording, sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:
-    return worded(
-        kind="too-slow",
-        sentence=f"recording '{recording.name}': {sentence}",
-        advice=advice,
-        recording=recording.name,
-        joints=joints,
-        value=recording.rate_hz,
-    )
 
 
 def _round_up(rate_hz: float) -> float:

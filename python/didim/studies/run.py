@@ -181,19 +181,17 @@ def recording_errors(
     start, stop = window
     signal = experiment.signal
     inside = slice(signal.trim_start, stop - start - signal.trim_end)
+    simulated = dict(zip(("position", "velocity", "acceleration", "torque"), arrays, strict=True))
     measured = {}
     if recording.has_positions:
-        raw = recording.q[start:stop]
         _, dq, ddq = motion_of(recording, window, signal)
-        measured = {"position": raw, "velocity": dq, "acceleration": ddq}
+        measured = {"position": recording.q[start:stop], "velocity": dq, "acceleration": ddq}
     if recording.tau is not None:
         measured["torque"] = recording.tau[start:stop]
     errors = {}
-    of_name = dict(zip(("position", "velocity", "acceleration", "torque"), arrays, strict=True))
     for name, values in measured.items():
-        simulated = of_name[name]
         size = np.linalg.norm(values[inside], axis=0)
-        error = np.linalg.norm(simulated[inside] - values[inside], axis=0)
+        error = np.linalg.norm(simulated[name][inside] - values[inside], axis=0)
         errors[name] = quotient(error, size, np.nan)
     return errors
 
