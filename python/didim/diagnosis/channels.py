@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._tools.arrays import Array, true_ranges
 from .._tools.words import counted, joints_text, series
-from ..evidence.torques import is_constant
+from ..evidence.torques import as_logged, is_constant
 from ..log.recording import Recording
 from ..result.finding import Finding, worded
 
@@ -94,11 +94,7 @@ def _columns(
     if values is None:
         return
     origin = recording.origin.get(what, {})
-    side = str(origin.get("side", "joint"))
-    reduction = recording.origin.get("reduction") if side == "motor" else None
-    if reduction is not None:
-        matrix = np.array(reduction)
-        values = values @ (matrix.T if what == "position" else np.linalg.inv(matrix))
+    values, side = as_logged(recording, what, values)
     values = values / np.array(origin.get("factors_to_si", 1.0))
     names = origin.get("columns") or range(1, values.shape[1] + 1)
     for joint, name in enumerate(names):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
     for recording in experiment.recordings:
         if recording.tau is None:
             continue
-        tau, side = _as_logged(recording, recording.tau)
+        tau, side = as_logged(recording, "torque", recording.tau)
         dead = [number + 1 for number, values in enumerate(tau.T) if is_constant(values)]
         if dead:
             findings.append(
@@ -97,12 +98,13 @@ def _columns(recording: Recording, numbers: Sequence[int]) -> dict[str, str]:
     return {"file": str(file), "column": ", ".join(names)}
 
 
-def _as_logged(recording: Recording, tau: Array) -> tuple[Array, str]:
-    """Return the torques on the side on which they were logged, and the name of that side."""
+def as_logged(recording: Recording, what: Literal["position", "torque"], values: Array) -> tuple[Array, str]:
+    """Return positions or torques, (n_samples, n_dof), on the side on which they were logged, and the name of that side."""
     reduction = recording.origin.get("reduction")
-    if reduction is None or recording.origin.get("torque", {}).get("side") != "motor":
-        return tau, "joint"
-    return tau @ np.linalg.inv(np.array(reduction)), "motor"
+    if reduction is None or recording.origin.get(what, {}).get("side") != "motor":
+        return values, "joint"
+    matrix = np.array(reduction)
+    return values @ (matrix.T if what == "position" else np.linalg.inv(matrix)), "motor"
 
 
 def following_findings(output_error: float, *, updating: bool = True) -> list[Finding]:
