@@ -247,9 +247,10 @@ def cause_of_torques(system: LinearSystem) -> tuple[Declared, Cause | None] | No
 
     The quick look of every method, before any other: a log like that spoils starts and steps too.
     """
-    if len(system.y) < BLOCKS * len(system.joints):
+    n = len(system.joints)
+    if len(system.y) < BLOCKS * n:
         return None
-    products = Products.of_system(system)
+    products = Products.of(system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1))
     if not (products.y.sum(axis=1) > 0.0).all():
         return None
     rows = Declared(system.names, products, products.judged())

@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from ..regression.linear_system import LinearSystem
 
 BLOCKS = 10
 """Number of time blocks that are left out in turn."""
@@ -102,12 +101,6 @@ class Products:
         h /= scale
         squares = np.stack([np.sum(torque[:, c] ** 2, axis=1) for c in cuts], axis=1)
         return cls(g, h, squares, scale, given)
-
-    @classmethod
-    def of_system(cls, system: LinearSystem) -> Products:
-        """Return the products of a linear system (7)."""
-        n = len(system.joints)
-        return cls.of(system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1))
 
     @property
     def n(self) -> int:
