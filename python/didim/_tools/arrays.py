@@ -60,6 +60,11 @@ def surely_within(array: Array, limit: float) -> bool:
     return bool(np.vdot(array, array) <= 0.5 * limit * limit)
 
 
+def ratio(part: float | np.floating, whole: float | np.floating) -> float:
+    """Return part over whole; NaN without a whole."""
+    return float(part / whole) if whole > 0.0 else float("nan")
+
+
 def quotient(values: Array, sizes: Array, otherwise: float = 0.0) -> Array:
     """Return values over sizes, and `otherwise` where a size is not positive; shapes are broadcast."""
     out = np.full(np.broadcast_shapes(values.shape, sizes.shape), otherwise)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, ratio
 from .._tools.version import __version__
 from ..evidence.physics import physical_findings
 from ..evidence.whiteness import whiteness, whiteness_findings
@@ -35,7 +35,7 @@ from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
 from ..signal.segments import Segment
-from .job import Delay, Job, ratio, recordings_of
+from .job import Delay, Job, recordings_of
 from .method import Described
 from .position_errors import position_shift
 from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts

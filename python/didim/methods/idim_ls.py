@@ -7,14 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, ratio
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
 from ..regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from .builder import Run, fitted, solved_status
-from .job import Delay, MeasuredRows, ratio
+from .job import Delay, MeasuredRows
 from .method import FitSettings, MethodSettings
 
 
@@ -53,7 +53,7 @@ class IDIMLS(FitSettings):
             history.append(
                 Iteration(
                     iteration=number,
-                    relative_error=ratio(np.linalg.norm(residual), np.linalg.norm(system.measured)),
+                    relative_error=system.relative_error(residual),
                     step=ratio(change, np.linalg.norm(solution)),
                 )
             )

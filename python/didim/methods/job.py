@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, ratio
 from ..errors import FitError, SignalError
 from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
@@ -316,8 +316,3 @@ def sample_time_s(experiment: Experiment) -> float:
     if isinstance(law, ControllerSpec):
         return law.sample_time_s
     return law.digital.sample_time_s if law is not None and law.digital is not None else 0.0
-
-
-def ratio(part: float | np.floating, whole: float | np.floating) -> float:
-    """Return part over whole; NaN without a whole."""
-    return float(part / whole) if whole > 0.0 else float("nan")

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, ratio
 from ..errors import StudyError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import read_experiment
 from ..experiment.loop import closed_loop
 from ..experiment.specs import ReferenceSpec
 from ..log.recording import Recording
-from ..methods.job import ratio
 from ..model.dynamics import inverse_dynamics
 from ..robot.robot import Robot
 from ..robot.robot_file import read_robot

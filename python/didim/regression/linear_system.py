@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import didim._core as _core
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, ratio
 from .._tools.threads import core_threads
 from .._tools.words import counted
 from ..errors import CoreErrorsAs, FitError
@@ -267,6 +267,11 @@ class LinearSystem:
     def norms(self, rows: Array) -> Array:
         """2-norm of each joint's part of a vector of r rows, shape (n_dof,)."""
         return np.array([np.linalg.norm(rows[joint]) for joint in self.joints])
+
+    def relative_error(self, residual: Array) -> float:
+        """Norm of an error, (r,), over that of the measured torques, by the norms of the joints as a result has them."""
+        error, torque = (float(np.linalg.norm(self.norms(rows))) for rows in (residual, self.measured))
+        return ratio(error, torque)
 
     def part(self, blocks: Sequence[Block]) -> LinearSystem:
         """Return the system of some of the blocks, such as all windows but one, with renumbered rows."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, ratio
 from .._tools.notebook import Printed
 from .._tools.saved import plain
 from .._tools.words import series
@@ -164,7 +164,6 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
         As for an identification of the experiment.
     """
     from ..evidence.loop.law import made_up
-    from ..methods.job import ratio
     from ..methods.method import FitSettings
     from .loaded import same_parameters, standard_in, unloaded, with_gains_of
     from .prediction import simulate_window, with_friction_of

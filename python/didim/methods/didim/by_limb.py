@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, ratio
 from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
@@ -28,7 +28,7 @@ from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
-from ..job import Job, ratio
+from ..job import Job
 from ..uncertainty import with_velocities
 from .iterations import Iterations
 from .problem import Problem

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import rms
+from ..._tools.arrays import ratio, rms
 from ..._tools.words import counted
 from ...loop.outcome import LARGE_ERROR, Outcome
 from ...model.safe_step import thinned
@@ -23,7 +23,7 @@ from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ..builder import Run, fitted
-from ..job import Job, ratio
+from ..job import Job
 from .convergence import (
     SLOW,
     Path,
@@ -260,7 +260,7 @@ class Iterations:
         contraction = self._path.contraction(solved.std)
         return Iteration(
             iteration=len(self.history) + 1,
-            relative_error=ratio(norm, np.linalg.norm(solved.system.measured)),
+            relative_error=solved.system.relative_error(solved.fit.residual),
             step=ratio(np.linalg.norm(x - iterate.x), np.linalg.norm(x)),
             more={
                 "step_length": step.length,

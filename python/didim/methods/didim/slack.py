@@ -12,13 +12,12 @@ from functools import partial
 
 import numpy as np
 
-from ..._tools.arrays import Array, quotient
+from ..._tools.arrays import Array, quotient, ratio
 from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
 from ...regression.linear_system import torque_rows
 from ...result.iteration import Iteration
-from ..job import ratio
 from .convergence import SAFETY, Contraction
 from .problem import Problem
 from .response import Response, noise_of, share_moved
@@ -253,7 +252,7 @@ def _entry(
     start, end = before.along, after.along
     return Iteration(
         iteration=number,
-        relative_error=ratio(new, np.linalg.norm(after.system.measured)),
+        relative_error=after.system.relative_error(after.fit.residual),
         step=ratio(np.linalg.norm(end.x - start.x), np.linalg.norm(end.x)),
         more={
             "step_length": length,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, ratio
 from ...evidence.loop.simulated import Piece, compare_motions
 from ...loop.closed_loop import ClosedLoop
 from ...loop.outcome import Outcome
@@ -15,7 +15,7 @@ from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
 from ...regression.logs.parameters import LogParameters
 from ...signal.segments import Segment
-from ..job import Job, ratio
+from ..job import Job
 
 Motion = tuple[Array, Array, Array, Array]
 """Simulated ``q dq ddq tau`` of a window, (n_kept, n_dof) each."""
