@@ -29,8 +29,8 @@ from .positions.record import PositionRecord
 from .positions.table import position_lines
 from .status import Status
 from .table import (
-    Row,
     Estimates,
+    Row,
     error_rows,
     limb_headings,
     parameter_lines,
