@@ -114,12 +114,10 @@ class Row:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Row:
         """Return the row of a result's `value_rows`; ``test_identification.py`` compares its numbers."""
-        numbers = {
-            key: float("nan") if row[key] is None else float(row[key])
-            for key in ("value", "std", "low", "high")
-        }
-        texts = {key: row[key] for key in ("name", "unit", "role", "group")}
-        return cls(**texts, **numbers, source=SOURCES[row["role"]])
+        numbers = (
+            float("nan") if row[key] is None else float(row[key]) for key in ("value", "std", "low", "high")
+        )
+        return cls(row["name"], row["unit"], *numbers, row["role"], SOURCES[row["role"]], row["group"])
 
 
 def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tuple[str, ...]]:
