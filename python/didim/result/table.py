@@ -114,10 +114,11 @@ class Row:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Row:
         """Return the row of a result's `value_rows`; ``test_identification.py`` compares its numbers."""
-        numbers = (
+        value, std, low, high = (
             float("nan") if row[key] is None else float(row[key]) for key in ("value", "std", "low", "high")
         )
-        return cls(row["name"], row["unit"], *numbers, row["role"], SOURCES[row["role"]], row["group"])
+        role = row["role"]
+        return cls(row["name"], row["unit"], value, std, low, high, role, SOURCES[role], row["group"])
 
 
 def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tuple[str, ...]]:
