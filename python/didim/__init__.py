@@ -158,4 +158,4 @@ if not TYPE_CHECKING:  # type checkers reject names that are not imported above
 
 def __dir__() -> list[str]:
     """Every public name, loaded or not."""
-    return sorted({*globals(), *__all__})
+    return sorted({*(name for name in globals() if name.startswith("__")), *__all__})
