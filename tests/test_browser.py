@@ -145,6 +145,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Folder]:
     (folder / "readme.html").write_text(f"{HEAD}<style>{style}</style><main>{body}</main>", encoding="utf-8")
     yield served
     served.server.shutdown()
+    served.server.server_close()
 
 
 @pytest.fixture(scope="module")

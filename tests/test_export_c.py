@@ -31,9 +31,11 @@ Array = np.ndarray
 class Compiled:
     """A header, compiled for itself and called from Python."""
 
-    def __init__(self, folder: Path, robot: Robot, x: Array, prefix: str = "arm") -> None:
+    def __init__(
+        self, folder: Path, robot: Robot, x: Array | None, prefix: str = "arm", text: str | None = None
+    ) -> None:
         assert COMPILER is not None
-        (folder / "arm.h").write_text(didim.export.to_c(robot, x, prefix=prefix))
+        (folder / "arm.h").write_text(didim.export.to_c(robot, x, prefix=prefix) if text is None else text)
         source = folder / "arm.c"
         n = robot.n_dof
         source.write_text(

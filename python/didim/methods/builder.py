@@ -209,6 +209,7 @@ def _split(
         std_white=white,
         payloads={name: recording for name, recording in job.experiment.payloads.items() if name in used},
         reference=job.parameters.reference,
+        flange=job.experiment.flange,
     )
 
 
