@@ -57,6 +57,12 @@ def add(commands: Commands) -> None:
         float,
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
+    add_option(
+        parser,
+        "--smoothing V",
+        "with --c: velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction",
+        float,
+    )
     add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
     add_flag(parser, "--force", "overwrite an existing file")
     add_flag(
@@ -95,6 +101,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.prefix is not None and not options.c:
         return refuse("--prefix is for --c")
+    if options.smoothing is not None and not options.c:
+        return refuse("--smoothing is for --c")
     if options.payload is not None and options.fit is None and options.mjcf is None:
         return refuse("--payload is for a result, FIT.json, which has payloads")
     if options.keep_lumped and options.urdf is None:
@@ -124,7 +132,11 @@ def run(options: argparse.Namespace) -> int:
         payload=options.payload,
     )
     if options.c or options.latex:
-        text = to_c(source.robot, source.x, prefix=options.prefix) if options.c else to_latex(source.robot)
+        text = (
+            to_c(source.robot, source.x, prefix=options.prefix, smoothing=options.smoothing)
+            if options.c
+            else to_latex(source.robot)
+        )
         return _written(options.output, text.encode(), notes=source.notes)
     content, report = export(
         source.robot,
