@@ -69,6 +69,29 @@ def test_a_log_without_further_friction_keeps_its_terms() -> None:
     assert np.mean(kept) <= 0.5
 
 
+def test_a_law_that_would_drive_the_joint_is_not_chosen() -> None:
+    """Load friction that falls with the load fits this log, and no robot has it."""
+    robot = planar(FrictionTerm(law="load", joint=1), dead_zone=0.02)
+    experiment = replace(log(robot, parameters(robot, Fl2=-0.15), noise=0.1), robot=planar(dead_zone=0.02))
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    assert "Fl2" not in {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    assert "Fl2" not in fit.names
+
+
+@pytest.mark.parametrize(("seed", "clear"), [(0, False), (1, True)])
+def test_a_term_whose_gain_is_not_clear_is_in_the_intervals(seed: int, clear: bool) -> None:
+    """Both logs have the same small load friction, and choose it without any block too; the noise of one hides its gain on some."""
+    robot = planar(FrictionTerm(law="load", joint=1), dead_zone=0.02)
+    experiment = log(robot, parameters(robot, Fl2=0.01), noise=0.3, seed=seed)
+    fit = didim.identify(replace(experiment, robot=planar(dead_zone=0.02)), didim.IDIMLS(friction="auto"))
+    (chosen,) = fit.settings["friction"]["chosen"]
+    assert chosen["parameter"] == "Fl2"
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    assert not fit.uncertainty.friction.raised
+    assert bool(fit.uncertainty.friction.shift.any()) is not clear
+
+
 def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     terms = [FrictionTerm(law="hold", joint=0), FrictionTerm(law="dahl", joint=1, velocity=0.01)]
     robot = planar(*terms, dead_zone=0.05)

@@ -171,9 +171,12 @@ fn regressor_of_states(robot: &Robot, samples: usize) -> (usize, Vec<f64>) {
     let (ddq, load) = (array(2 * n, 5.0), array(3 * n, 5.0));
     for k in samples * n..all * n {
         let own = &paces[k % n];
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // the share is between 0 and 1
-        let which = (0.5 * (random.entry(k / n, 4 * n + k % n) + 1.0) * own.len() as f64) as usize;
-        dq[k] *= own[which.min(own.len() - 1)] / FASTEST;
+        // Each of its paces once in as many states, in an order that joints do not share.
+        let (state, joint) = (k / n, k % n);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // between 0 and the number of paces
+        let turn = (0.5 * (random.entry(state / own.len(), 4 * n + joint) + 1.0) * own.len() as f64) as usize;
+        dq[k] *= own[(state + turn) % own.len()] / FASTEST;
     }
     let mut flat = vec![0.0; all * n * p];
     // A sign that is kept through rest has no dead zone.
@@ -191,8 +194,8 @@ fn regressor_of_states(robot: &Robot, samples: usize) -> (usize, Vec<f64>) {
     (all, flat)
 }
 
-/// Largest speeds of the random states of a driven joint: the usual one, and those at which its friction changes, half of them inside
-/// the dead zone.
+/// Largest speeds of the random states of a driven joint: the usual one, and those at which its friction changes, inside its dead zone
+/// and around it.
 fn paces(robot: &Robot, driven: usize) -> Vec<f64> {
     let (friction, layout) = (robot.friction(), Layout::of(robot));
     let joint = (0..robot.n_joints()).find(|&joint| layout.number(joint) == driven).unwrap_or(driven);
@@ -201,8 +204,9 @@ fn paces(robot: &Robot, driven: usize) -> Vec<f64> {
         _ => None,
     });
     let slow = curved.chain([friction.smoothing[joint]]).map(|velocity| 2.0 * velocity);
-    let slow = slow.filter(|&pace| pace < FASTEST).chain([2.0 * friction.dead_zone[joint]]);
-    [FASTEST].into_iter().chain(slow.filter(|&pace| pace > 0.0)).collect()
+    let slow = slow.filter(|&pace| pace < FASTEST);
+    let zone = friction.dead_zone[joint];
+    [FASTEST].into_iter().chain(slow.chain([zone, 2.0 * zone]).filter(|&pace| pace > 0.0)).collect()
 }
 
 /// Numbers between -1 and 1, spread evenly: additive recurrences with the square roots of primes, which need no generator and are the
