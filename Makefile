@@ -61,7 +61,7 @@ test-slow: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -m tools
+	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
 
 # One combination after the other; what this processor cannot run is skipped with a sentence.
 test-machines: $(VENV)/.built $(VENV)/.group-test

@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import didim
+import simulated
 from didim.robot.friction import STANDARD_NAMES, FrictionTerm
 from didim.robot.robot import Geometry, Robot
+from didim.signal.filters import differentiate
 from robots import make_robot, random_motion, random_parameters, relative, robots, slow_motion
 
 # Joint by joint, in our order: that of (3), with the friction of coupled motors last.
@@ -157,3 +159,43 @@ def test_twelve_bent_joints_are_no_trouble() -> None:
     groupings = dict(zip(base.names, base.groupings, strict=True))
     assert groupings["MX11R"] == "MX11R = MX11 + d12 M12"
     assert groupings["ZZ11R"].endswith("2 r12 sin(alpha12)^2 MZ12 + (d12^2 + r12^2 sin(alpha12)^2) M12")
+
+
+def up_and_down() -> np.ndarray:
+    """Moves of a lift of 12 s with rests between them, sampled as `simulated` has it (m)."""
+    t = np.arange(6000) / simulated.RATE_HZ
+    q = np.zeros(len(t))
+    for start, seconds, height in (
+        (0.5, 1.0, 0.4), (2.0, 0.6, -0.3), (3.2, 0.9, 0.5), (4.8, 0.5, -0.4),
+        (6.0, 1.2, 0.6), (7.8, 0.7, -0.5), (9.2, 0.8, 0.3), (10.6, 0.8, -0.4),
+    ):  # fmt: skip
+        u = np.clip((t - start) / seconds, 0.0, 1.0)
+        q += height * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return q[:, None]
+
+
+@pytest.mark.parametrize("zone", [0.001, 0.01])
+def test_a_lift_whose_friction_differs_by_direction(zone: float) -> None:
+    """Its weight and the two Coulomb frictions are three parameters, for in the dead zone the weight is alone."""
+    geometry = Geometry(
+        kinds=("prismatic",),
+        alpha=(0.0,),
+        d=(0.0,),
+        theta=(0.0,),
+        r=(0.0,),
+        gravity=(0.0, 0.0, -9.81),
+        coupling=((1.0,),),
+    )
+    robot = make_robot(geometry, model="asymmetric", dead_zone=(zone,))
+    truth = {"M1": 12.0, "Ia1": 8.0, "Fv1+": 60.0, "Fc1+": 25.0, "Fv1-": 40.0, "Fc1-": 15.0}
+    assert robot.base_parameters.names == tuple(truth)
+    q = up_and_down()
+    x = robot.base_parameters.lift(list(truth.values()))
+    tau = didim.inverse_dynamics(robot, *differentiate(q, simulated.RATE_HZ, simulated.SIGNAL), x)
+    tau += 0.02 * np.sqrt(np.mean(tau**2)) * np.random.default_rng(0).standard_normal(tau.shape)
+    log = simulated.experiment(robot, didim.Recording.from_arrays(q, tau, rate_hz=simulated.RATE_HZ))
+    fit = didim.identify(log)
+    assert fit.overall_relative_error <= 0.009
+    assert fit.verdict.sound
+    assert not fit.evidence
+    assert (np.abs(fit.beta - list(truth.values())) < 4.0 * fit.std).all()

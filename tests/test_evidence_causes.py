@@ -20,6 +20,7 @@ from didim.evidence import causes
 from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.hypotheses.positions import units
 from didim.evidence.hypotheses.table import OF_TORQUES
 from didim.evidence.lasting import delay_findings
 from didim.evidence.naming import cause_findings, torque_findings
@@ -30,7 +31,7 @@ from didim.result.finding import Finding
 from didim.robot.payload import Payload
 from didim.signal.filters import differentiate
 from didim.studies.simulated_log import measured
-from plain import plain_didim
+from plain import plain_didim, stub
 from planted import tx40_exact, with_torques
 from several import DISC, arm_logs
 from simulated import experiment as of_recordings
@@ -331,6 +332,20 @@ def test_a_family_with_a_row_in_the_table_is_searched(
     assert ("shared-drive", (2, 3)) not in named()
     monkeypatch.setattr(causes, "OF_TORQUES", (*OF_TORQUES, halved))
     assert ("shared-drive", (2, 3)) in named()
+
+
+def test_units_of_slides_and_turning_joints() -> None:
+    """What is declared in metres and radians may be in millimetres and degrees."""
+    rows = stub(origin={}, robot=stub(joint_kinds=("revolute", "prismatic")))
+    found = {
+        (item.facts["declared"], item.facts["unit"]): np.diag(item.position).tolist() for item in units(rows)
+    }
+    assert found == {
+        ("rad", "deg"): pytest.approx([np.pi / 180.0, 1.0]),
+        ("deg", "rad"): pytest.approx([180.0 / np.pi, 1.0]),
+        ("m", "mm"): [1.0, 1e-3],
+        ("mm", "m"): [1.0, 1e3],
+    }
 
 
 def planar(seed: int, *, exchange: bool = False) -> LogRows:

@@ -24,7 +24,7 @@ from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
 from didim.result.iteration import Reporter
-from didim.robot.friction import FrictionTerm
+from didim.robot.friction import FrictionTerm, Law
 from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
@@ -69,13 +69,16 @@ def test_a_log_without_further_friction_keeps_its_terms() -> None:
     assert np.mean(kept) <= 0.5
 
 
-def test_a_law_that_would_drive_the_joint_is_not_chosen() -> None:
-    """Load friction that falls with the load fits this log, and no robot has it."""
-    robot = planar(FrictionTerm(law="load", joint=1), dead_zone=0.02)
-    experiment = replace(log(robot, parameters(robot, Fl2=-0.15), noise=0.1), robot=planar(dead_zone=0.02))
+@pytest.mark.parametrize("law", ["load", "spring"])
+def test_a_law_that_would_drive_the_joint_is_not_chosen(law: Law) -> None:
+    """Friction that falls with the load, and a stiffness below zero, fit these logs best, and no robot has them."""
+    term = FrictionTerm(law=law, joint=1)
+    robot = planar(term, dead_zone=0.02)
+    x = parameters(robot, **{term.parameter: {"load": -0.15, "spring": -6.0}.get(law, 0.0)})
+    experiment = replace(log(robot, x, noise=0.1), robot=planar(dead_zone=0.02))
     fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
-    assert "Fl2" not in {item["parameter"] for item in fit.settings["friction"]["chosen"]}
-    assert "Fl2" not in fit.names
+    assert term.parameter not in {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    assert term.parameter not in fit.names
 
 
 @pytest.mark.parametrize(("seed", "clear"), [(0, False), (1, True)])
