@@ -97,9 +97,9 @@ PYTHON = (
     ),
     Mutation(
         "the hold of a digital controller makes its torque late instead of early",
-        "python/didim/methods/job.py",
-        "return self.samples - hold",
-        "return self.samples + hold",
+        "python/didim/signal/window.py",
+        "else delay - hold",
+        "else delay + hold",
         "tests/test_hold.py",
     ),
     Mutation(

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..experiment.experiment import Experiment
 from ..result.finding import Finding, worded
-from ..signal.segments import Segment
+from ..signal.window import Window
 
 ROOM = 1.02
 """Ratio to a declared limit that is tolerated: limits are rounded, and controllers overshoot a little."""
@@ -16,7 +16,7 @@ LARGEST_RANGE = {"revolute": 8.0 * np.pi, "prismatic": 20.0}
 """Largest range of positions (rad, m) in one log: four turns or twenty metres, more than any joint of an arm moves."""
 
 
-def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
+def check_limits(experiment: Experiment, parts: list[Window]) -> list[Finding]:
     """Compare the log with the limits of the robot, and with those of any robot."""
     robot = experiment.robot
     findings = []

@@ -22,8 +22,8 @@ from ..regression.linear_system import LinearSystem, linear_system
 from ..regression.selection import select
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
-from ..signal.segments import segments
 from ..signal.spectrum import contiguous_band, motion_band
+from ..signal.window import windows_of
 
 CUTOFF_TIMES = 20.0
 """Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
@@ -149,7 +149,7 @@ def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
 def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
     """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None."""
     try:
-        parts = [part for recording in recordings for part in segments(recording, signal)]
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
         system = linear_system(robot, parts, signal, select(robot, {}, ()))
     except DidimError:
         return None

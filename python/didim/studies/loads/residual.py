@@ -34,8 +34,8 @@ from ...robot.payload import NOTHING, Payload, ends, payload_columns
 from ...robot.robot import Robot
 from ...signal.align import align
 from ...signal.noise import stamp_noise
-from ...signal.segments import segments
 from ...signal.spikes import without_spikes
+from ...signal.window import windows_of
 from ..loaded import standard_in, with_gains_of
 from ..prediction import predict, with_friction_of
 from ..validation import same_robot
@@ -334,7 +334,9 @@ def _payload_change(
     """Detect a payload change in the rows of a window."""
     robot = experiment.robot
     shift = Delay.recorded(fit.delay).samples
-    part = segments(recording, experiment.signal, shift)[window]
+    (part,) = windows_of(
+        recording, experiment.signal, delay=shift, spans=recording.windows[window : window + 1]
+    )
     beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
     n = robot.n_dof
