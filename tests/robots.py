@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from didim.robot.friction import Friction, FrictionTerm
+from didim.robot.friction import Friction, FrictionTerm, Law
 from didim.robot.robot import Geometry, JointLimits, Robot
 
 Array = NDArray[np.float64]
@@ -92,10 +92,10 @@ def robots(
     coulomb = draw(st.sampled_from(["sign", "tanh"]))
     model = draw(st.sampled_from(["symmetric", "asymmetric"]))
     zone = draw(st.sampled_from([0.0, 0.001, 0.01, 0.1]))
-    laws = ["atan", "stribeck", "root", "load", "hold", "dahl"]
+    laws: list[Law] = ["atan", "stribeck", "root", "load", "hold", "dahl"]
     laws += ["forward"] if model == "symmetric" else []
     laws += ["rest"] if zone > 0.0 else []
-    chosen = [draw(st.sets(st.sampled_from(laws), max_size=3)) if terms else () for _ in range(n)]
+    chosen = [draw(st.sets(st.sampled_from(laws), max_size=3)) if terms else set() for _ in range(n)]
     return make_robot(
         geometry,
         model=model,

@@ -338,7 +338,8 @@ def test_units_of_slides_and_turning_joints() -> None:
     """What is declared in metres and radians may be in millimetres and degrees."""
     rows = stub(origin={}, robot=stub(joint_kinds=("revolute", "prismatic")))
     found = {
-        (item.facts["declared"], item.facts["unit"]): np.diag(item.position).tolist() for item in units(rows)
+        (item.facts["declared"], item.facts["unit"]): np.diagonal(np.asarray(item.position)).tolist()
+        for item in units(rows)
     }
     assert found == {
         ("rad", "deg"): pytest.approx([np.pi / 180.0, 1.0]),
@@ -374,7 +375,7 @@ def test_the_growth_of_a_trial_is_that_of_errors() -> None:
     weight = 1.0 / rows.declared_seen
     cuts = np.array_split(np.arange(rows.y.shape[1]), BLOCKS)
 
-    def squares(inside: Array, outside: Array) -> float:
+    def squares(inside: NDArray[np.intp], outside: NDArray[np.intp]) -> float:
         scale = np.sqrt(weight)[:, None]
         w = (rows.w * scale[:, :, None])[:, inside].reshape(-1, rows.w.shape[2])
         beta = np.linalg.lstsq(w, (rows.y * scale)[:, inside].ravel(), rcond=None)[0]

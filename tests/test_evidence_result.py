@@ -157,10 +157,9 @@ def test_of_held_out_recordings_the_worst_says_what_to_expect_and_gravity_has_it
     robot = didim.load_robot("planar2")
     x = robot.parameter_set("reference")
     logs = [
-        simulated.log(robot, x, seed=seed, noise=noise, name=name, role=role)
-        for seed, (name, noise, role) in enumerate(
-            [("log", 0.3, "fit"), ("near", 0.3, "held-out"), ("far", 9.0, "held-out")]
-        )
+        simulated.log(robot, x, seed=0, noise=0.3),
+        simulated.log(robot, x, seed=1, noise=0.3, name="near", role="held-out"),
+        simulated.log(robot, x, seed=2, noise=9.0, name="far", role="held-out"),
     ]
     fit = identify(simulated.experiment(robot, *logs))
     uses = {use.name: use for use in fit.verdict.uses}
