@@ -62,7 +62,7 @@ test-slow: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -m tools
+	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
 
 test-pages: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-docs $(VENV)/.group-pages
 	$(BIN)/python -m pytest -n auto --dist loadgroup -m pages

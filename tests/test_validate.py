@@ -15,6 +15,7 @@ from didim import DIDIM, Experiment, Identification, identify, validate
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.experiment.specs import SimulationSettings
+from several import arm_logs
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,13 @@ def test_every_recording_whatever_its_role(fit: Identification, log: Experiment,
     assert text.startswith("arm, by didim, on arm; relative errors in %\n")
     assert text.count("torque, predicted") == 2
     assert text.count("position, simulated") == 2
+
+
+def test_each_recording_is_validated_with_its_own_payload() -> None:
+    """That which the fit found in one of its logs."""
+    both = replace(arm_logs([False, True, False]), controller=None)
+    found = validate(identify(both), both)
+    assert [item.direct_overall < 0.01 for item in found.recordings] == [True] * 3
 
 
 def test_without_controller_or_torques(fit: Identification, other: Experiment) -> None:
