@@ -120,7 +120,7 @@ def carried(fit: Identification, robot: Robot, payload: str | None) -> tuple[Arr
     """
     known = {} if fit.further is None else dict(fit.further.payloads)
     if payload not in (None, "none") and payload not in known:
-        has = f"it has {series(known)}" if known else "it has none"
+        has = f"it has {series(known, 30)}" if known else "it has none"
         raise FitError(f"the result has no payload {payload!r}: {has}{did_you_mean(str(payload), known)}")
     load, sentences = np.zeros(len(robot.parameter_names)), list[str]()
     for name, each in known.items():
