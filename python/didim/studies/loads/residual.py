@@ -39,9 +39,9 @@ from ...signal.window import windows_of
 from ..loaded import standard_in, with_gains_of
 from ..prediction import predict, with_friction_of
 from ..validation import same_robot
-from .detection import Contact, PayloadChange, clearly_loaded, contacts, payload_change, shortest_s
+from .detection import Contact, PayloadChange, contacts, payload_change, shortest_s
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
-from .payload import UNNAMED, identify_payload
+from .payload import UNNAMED, payload_in
 
 CONTACT_THRESHOLD = 6.0
 """External torque, in standard deviations, from which the observer reports a contact."""
@@ -368,7 +368,7 @@ def _weighed(
     x: Array,
     change: PayloadChange,
 ) -> PayloadChange | None:
-    """Return a payload change with estimate and standard deviations of `identify_payload`; None if it is not significant.
+    """Return a payload change with estimate and standard deviations of `payload_in`; None if it is not significant.
 
     These include the correlation of the residual and the uncertainty of the robot, which the search ignores.
     """
@@ -380,7 +380,7 @@ def _weighed(
     # With the parameters of this recording, payload included, the estimate is the change.
     here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
     try:
-        payload_fit = identify_payload(here, replace(experiment, recordings=(rest,)), link=change.link)
+        payload_fit = payload_in(here, replace(experiment, recordings=(rest,)), change.link)
     except DidimError:  # too few rows after the change to estimate it
         return replace(change, std=(0.0,) * len(change.std))
     if not clearly_loaded(payload_fit.ten, payload_fit.std):
