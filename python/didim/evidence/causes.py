@@ -136,8 +136,10 @@ class Search:
         """Return the hypotheses with columns of their own that pass the screening, the best first."""
         rows = self.rows
         scored: list[tuple[float, Hypothesis]] = []
-        families = (*OF_SIGNS, *OF_ORDER) if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)
-        for family in (*families, *OF_READINGS) if self._readings else families:
+        known = rows.known is not None
+        families = OF_SIGNS if known else (*OF_SIGNS, *OF_ROBOT)
+        readings = (*OF_READINGS, *OF_ORDER) if known else OF_READINGS
+        for family in (*families, *readings) if self._readings else families:
             for hypothesis in family(rows):
                 d = rows.rough(hypothesis) if family is not scales else self._fell(hypothesis)
                 if self._turns_back(hypothesis):

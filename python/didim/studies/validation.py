@@ -78,7 +78,12 @@ class Validation(Printed):
     def verdict(self) -> Verdict:
         """Whether the log is one of the robot of the result, read as that of the fit was: sound, doubtful or wrong."""
         ended = [
-            Finding(code="not-completed", grade="wrong", recordings=(each.name,), facts={"ending": str(each.outcome)})
+            Finding(
+                code="not-completed",
+                grade="wrong",
+                recordings=(each.name,),
+                facts={"ending": str(each.outcome)},
+            )
             for each in self.recordings
             if each.outcome is not None and not each.outcome.completed
         ]

@@ -60,9 +60,7 @@ def load_findings(
     if "M" in names and mass < -CLEAR_SIGMA * sigma:
         return [Finding(code="load-inside", grade="wrong", value=mass, deviation=sigma)]
     if ratio > ABSURD:
-        return [
-            Finding(code="absurd-load", grade="wrong", value=value, deviation=deviation, effect=ratio)
-        ]
+        return [Finding(code="absurd-load", grade="wrong", value=value, deviation=deviation, effect=ratio)]
     return []
 
 

@@ -200,21 +200,23 @@ def _explained(rows: LogRows, errors: Errors, *, loaded: bool) -> list[Finding]:
     `loaded` is whether a load is fitted beside the robot already.
     """
     before = _beyond(rows, rows.declared_seen, errors.of_fit)
-    cause = Search(rows).cause()
+    freed = [_friction(rows)] if loaded else [_friction(rows), *_loads(rows)]
+    left = {
+        change: _beyond(rows, change.products.seen(), errors.of_fit) for change in freed if change.d <= HINT
+    }
+    healing = [change for change in left if left[change] <= max(ROBOT, HEALED * before)]
+    best = min(healing, key=lambda change: change.d, default=None)
+    whole = best is not None and left[best] <= ROBOT
+    # Other readings take seconds: a log that friction or a load explains as a whole needs none.
+    cause = Search(rows, readings=errors.share > READ_OTHERWISE and not whole).cause()
     if cause is not None and not _heals(rows, cause, errors, before):
         cause = None
-    freed = [_friction(rows)] if loaded else [_friction(rows), *_loads(rows)]
-    changes = [
-        change
-        for change in freed
-        if change.d <= HINT and _beyond(rows, change.products.seen(), errors.of_fit) <= max(ROBOT, HEALED * before)
-    ]
-    best = min(changes, key=lambda change: change.d, default=None)
     if cause is not None and (best is None or cause.tried[0].decisive <= best.d + MARGIN):
         return cause_findings(rows, cause)
-    if best is not None:
+    if best is not None and whole:
         return [best.finding(rows)]
-    return _other_robot(rows, errors, freed[0])
+    # What friction or a load explains in part, other links may explain as a whole.
+    return _other_robot(rows, errors, freed[0], before) or ([] if best is None else [best.finding(rows)])
 
 
 def _heals(rows: LogRows, cause: Cause, errors: Errors, before: float) -> bool:
@@ -312,12 +314,11 @@ def _loads(rows: LogRows) -> list[_Change]:
     return changes
 
 
-def _other_robot(rows: LogRows, errors: Errors, friction: _Change) -> list[Finding]:
+def _other_robot(rows: LogRows, errors: Errors, friction: _Change, before: float) -> list[Finding]:
     """Return the finding that only other parameters of links explain a log, where they change much of its torques."""
     free = rows.products.knowing(np.full(len(rows.products.scale), np.nan))
     squares, size = free.judged().unseen.sum(axis=1), rows.products.y.sum(axis=1)
     missed = float(np.sqrt(friction.judged.unseen.sum() / size.sum()))
-    before = _beyond(rows, rows.declared_seen, errors.of_fit)
     if missed <= READ_OTHERWISE or _beyond(rows, squares, errors.of_fit) > max(ROBOT, HEALED * before):
         return []
     return [

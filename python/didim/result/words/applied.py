@@ -70,10 +70,8 @@ def _undeclared(f: Finding) -> str:
 
 def _undeclared_advice(f: Finding) -> str:
     if f.value is not None and f.value < 0.0:
-        return "Fit the robot without its tool, and declare the tool: [payload.NAME] and payload = \"NAME\" under [[recording]]"
-    return (
-        'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]; didim payload estimates it'
-    )
+        return 'Fit the robot without its tool, and declare the tool: [payload.NAME] and payload = "NAME" under [[recording]]'
+    return 'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]; didim payload estimates it'
 
 
 def _no_load(f: Finding) -> str:
@@ -99,8 +97,8 @@ WORDS: dict[str, tuple[Any, Any]] = {
     "undeclared-load": (_undeclared, _undeclared_advice),
     "other-robot": (
         lambda f: (
-            f"this log is not of the robot of the result: its links miss {_percent(f.value)} % of the torques, and other parameters "
-            f"of the same geometry {_percent(f.effect)} %"
+            f"this log is not of the robot of the result: its links miss {_percent(f.value)} % of the torques, and other "
+            f"parameters of the same geometry {_percent(f.effect)} %"
         ),
         "Fit a log of this robot; a reading of the columns, friction and a load were tried and do not explain it",
     ),
@@ -113,7 +111,9 @@ WORDS: dict[str, tuple[Any, Any]] = {
         ),
     ),
     "load-inside": (
-        lambda f: f"this log has {_and_sigma(f)} less than the robot of the result: no load has a negative mass",
+        lambda f: (
+            f"this log has {_and_sigma(f)} less than the robot of the result: no load has a negative mass"
+        ),
         "The log of the fit had a tool that is in the robot now: fit a log without it",
     ),
     "absurd-load": (

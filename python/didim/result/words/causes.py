@@ -36,7 +36,9 @@ def _side_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
     text = f'Write side = "{f["side"]}" under {" and ".join(f"[recording.{key}]" for key in f["keys"])}'
     if "ratios" in f:
         ratios = ", ".join(f"{ratio:.3g}" for ratio in f["ratios"])
-        return f"{text}, and the gear ratios as reduction under [transmission] of the robot file: about {ratios}"
+        return (
+            f"{text}, and the gear ratios as reduction under [transmission] of the robot file: about {ratios}"
+        )
     return text
 
 
@@ -130,7 +132,11 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
         "Divide scale under [recording.torque] by {v:.4g}: scale is 1 where it is not written",
         "weigh it: log a payload of known mass",
     ),
-    "reversed-joints": (_reversed, _reversed_edit, "move one of the joints alone and see which columns answer"),
+    "reversed-joints": (
+        _reversed,
+        _reversed_edit,
+        "move one of the joints alone and see which columns answer",
+    ),
     "swapped-positions": (
         "the positions of joints {j[0]} and {j[1]} look as if they were exchanged",
         "Exchange their columns under [recording.position]",

@@ -148,9 +148,7 @@ def payload_in(fit: Identification, experiment: Experiment, link: str | None = N
     return _found(fit, experiment, link)[0].estimate
 
 
-def _found(
-    fit: Identification, experiment: Experiment, link: str | None
-) -> tuple[_Found, list[Finding]]:
+def _found(fit: Identification, experiment: Experiment, link: str | None) -> tuple[_Found, list[Finding]]:
     """Estimate the further parameters of a log as the result reads it, and return a note on that."""
     experiment, taken = as_fitted(fit, experiment)
     same_robot(fit, experiment)
@@ -225,7 +223,9 @@ def _evidence(fit: Identification, found: _Found) -> list[Finding]:
     robot, estimate = found.experiment.robot, found.estimate
     assert estimate is not None
     root = np.sqrt(max(1, system.y.size // robot.n_dof))
-    errors = Errors.beside(fit, system.norms(found.solved.residual) / root, system.norms(system.measured) / root)
+    errors = Errors.beside(
+        fit, system.norms(found.solved.residual) / root, system.norms(system.measured) / root
+    )
     beta = robot.base_parameters.project(fit.parameters)
     fitted = [recording for recording in found.experiment.recordings if recording.role == "fit"]
     known = np.concatenate([beta, np.full(parameters.n_further, np.nan)])
