@@ -4,8 +4,8 @@
 
 Every case is written into an empty folder and run there as a command, as a user types it: a wrong unit, joints in another order, a
 load that nobody declared. The logs are simulated from seeds: a Staubli TX40 with the packaged parameters, noise on its torques, and
-what the case is about. ``--right N`` adds N right calls from further seeds, none of which may be called wrong. ``--markdown`` prints
-the table of docs/validation.md. The package is the one that Python finds, so PYTHONPATH compares versions.
+what the case is about. ``--right N`` adds N right calls from further seeds, none of which may be called wrong. ``--markdown``
+prints the table of docs/validation.md. The package is the one that Python finds, so PYTHONPATH compares versions.
 Tested in ``tests/test_wrong_calls.py``, which runs the same cases.
 
 A case of another command is one more entry of `CASES`: a name, a function that writes the files into a folder, and the command.
@@ -21,8 +21,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +75,7 @@ SMOOTHING = 0.05
 """Velocity of the smooth Coulomb friction of the simulated arm (rad/s)."""
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A call, and the files that it is made with.
 
     Attributes
@@ -100,8 +99,7 @@ class Case:
 # Logs.
 
 
-@dataclass(frozen=True)
-class Log:
+class Log(NamedTuple):
     """A simulated log of a TX40, as it is written into a folder.
 
     Attributes
@@ -307,8 +305,7 @@ def right_calls(count: int) -> Iterator[Case]:
 # Running them.
 
 
-@dataclass(frozen=True)
-class Said:
+class Said(NamedTuple):
     """What a command said: exit code, and its last sentence."""
 
     case: Case

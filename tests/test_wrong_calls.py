@@ -6,7 +6,6 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -48,27 +47,17 @@ WRONG = {
 """Code of the first reason, and state of the verdict, by name and command of a case; right calls are sound."""
 
 
-@pytest.fixture(scope="module")
-def calls(project: Path) -> ModuleType:
-    """The program; its fits are made once in a process."""
-    return script(project / "benches" / "wrong_calls.py")
+CALLS = script(Path(__file__).resolve().parents[1] / "benches" / "wrong_calls.py")
+"""The program; its fits are made once in a process."""
 
 
-NAMES = [
-    case.command.split()[0] + ": " + case.name
-    for case in script(Path(__file__).resolve().parents[1] / "benches" / "wrong_calls.py").CASES
-]
-
-
-@pytest.mark.parametrize("number", range(len(NAMES)), ids=NAMES)
+@pytest.mark.parametrize("case", CALLS.CASES, ids=lambda case: f"{case.command.split()[0]}: {case.name}")
 def test_a_call_ends_in_its_word(
-    number: int,
-    calls: ModuleType,
+    case: Any,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    case = calls.CASES[number]
     case.write(tmp_path)
     monkeypatch.chdir(tmp_path)
     code = main([*shlex.split(case.command), "--json", "said.json"])
@@ -87,12 +76,12 @@ def test_a_call_ends_in_its_word(
         assert "For a pendant" not in out
 
 
-def test_all_wrong_calls_are_expected(calls: ModuleType) -> None:
-    wrong = [(case.name, case.command.split()[0]) for case in calls.CASES if not case.right]
+def test_all_wrong_calls_are_expected() -> None:
+    wrong = [(case.name, case.command.split()[0]) for case in CALLS.CASES if not case.right]
     assert sorted(wrong) == sorted(WRONG)
 
 
-def test_no_load_has_a_bound_in_the_sentence(calls: ModuleType) -> None:
+def test_no_load_has_a_bound_in_the_sentence() -> None:
     std = np.array([1e-3] * 9 + [5e-3])
     ten = np.zeros(10)
     ten[9] = 2e-3
@@ -170,8 +159,8 @@ def test_friction_and_filters_are_those_of_the_result(
     np.testing.assert_array_equal(found.recordings[0].direct, wanted.recordings[0].direct)
     (note,) = [reason for reason in found.verdict.notes if reason.code == "as-fitted"]
     assert note.sentence == (
-        "taken from the result, not from the file of this log: dead_zone = 0.3 (the file: 0.0), cutoff_hz = 50.0 (the file: 30.0), "
-        "decimation = [10] (the file: [8])"
+        "taken from the result, not from the file of this log: coulomb = sign (the file: tanh), dead_zone = 0.3 (the file: 0.0), "
+        "cutoff_hz = 50.0 (the file: 30.0), decimation = [10] (the file: [8])"
     )
     assert not [reason for reason in wanted.verdict.reasons if reason.code == "as-fitted"]
 

@@ -211,7 +211,7 @@ class LogRows(Declared):
             return np.full(self.n, math.inf)
         return columns.products.seen(*hypothesis.channels)
 
-    def knowing(self, known: Array | None, columns: Array | None = None) -> Products:
+    def knowing(self, known: Array, columns: Array | None = None) -> Products:
         """Return the products with other known values, (p + m,), NaN for fitted ones, and with further columns, (n, n_rows, m)."""
         if columns is None:
             return self.products.knowing(known)

@@ -132,8 +132,8 @@ def as_fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, 
     """Return a log as a result reads it: with its friction, its filters and its drive gains; and a note on what the file has else.
 
     A result of simulated motion leaves sign, smoothing and dead zone of Coulomb friction to the file: its own are those of the
-    simulation. Filters in samples are the result's at its rate only, and its cut-off where the log's rate has room for it. Windows are
-    times of the log, and its own.
+    simulation. Filters in samples are the result's at its rate only, and its cut-off where the log's rate has room for it.
+    Windows are times of the log, and its own.
 
     Raises
     ------

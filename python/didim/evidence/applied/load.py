@@ -1,4 +1,7 @@
-"""Whether the load that a log gives is one: seen at all, a body, and not in the robot already. Tested in ``tests/test_wrong_calls.py``."""
+"""Whether the load that a log gives is one: seen at all, a body, and not in the robot already.
+
+Tested in ``tests/test_wrong_calls.py``.
+"""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-r"""A result beside a log that it was not fitted to: are the errors those of the fit, and if not, what explains them?
+"""A result beside a log that it was not fitted to: whether the errors are those of the fit, and what explains them if not.
 
     y_c = W_c beta^ + W_c V theta,    beta^ of the result, theta what the log may have beside it
 
-Nothing of the robot is fitted, so the log tells what a fit swallows: the unit and the side of all torques, the order of the joints.
-An accusation is tried before it is made. Each reading of the log (`didim.evidence.causes`), friction of its own, and a load on an end
-link are fitted beside the known parameters and judged by D, (1) of `didim.evidence.products`; one explains the log if the errors that
-it leaves are about those of the fit. Only where none does, all parameters are fitted: another robot of the same geometry.
+Nothing of the robot is fitted, so the log tells what a fit swallows: the unit and the side of all torques, the order of all
+joints. An accusation is tried before it is made. Each reading of the log (`didim.evidence.causes`), friction of its own, and a load
+on an end link are fitted beside the known parameters and judged by D, (1) of `didim.evidence.products`; one explains the log if
+the errors that it leaves are about those of the fit. Only where none does, all parameters are fitted: another robot of the same
+geometry.
 Tested in ``tests/test_wrong_calls.py``.
 """
 

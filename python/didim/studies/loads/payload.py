@@ -86,7 +86,6 @@ class _Found:
     known: Array
     columns: Array
     missing: tuple[str, ...]
-    estimate: PayloadEstimate | None = None
 
     @property
     def theta(self) -> Array:
@@ -132,12 +131,12 @@ def identify_payload(
     -----
     ``test_payload.py`` compares errors with standard deviations; ``benches/payloads.py`` does so for ten random payloads.
     """
-    found, taken = _found(fit, experiment, link)
-    evidence = [*taken, *_evidence(fit, found)]
-    estimate = replace(found.estimate, fit_error=fit.relative_error, evidence=tuple(evidence))
+    found, estimate, taken = _found(fit, experiment, link)
+    evidence = [*taken, *_evidence(fit, found, estimate)]
+    estimate = replace(estimate, fit_error=fit.relative_error, evidence=tuple(evidence))
     if any(finding.code in UNKNOWN_BODY or finding.grade == "wrong" for finding in evidence):
         return estimate
-    if len(found.missing):
+    if found.missing:
         remark = f"this arm cannot identify {series(found.missing)}, so there is no complete body"
         return replace(estimate, remarks=(*estimate.remarks, remark))
     return _with_body(estimate, found, seed)
@@ -145,11 +144,13 @@ def identify_payload(
 
 def payload_in(fit: Identification, experiment: Experiment, link: str | None = None) -> PayloadEstimate:
     """Return the estimate of `identify_payload` without its body and without evidence: ten parameters and their covariance."""
-    return _found(fit, experiment, link)[0].estimate
+    return _found(fit, experiment, link)[1]
 
 
-def _found(fit: Identification, experiment: Experiment, link: str | None) -> tuple[_Found, list[Finding]]:
-    """Estimate the further parameters of a log as the result reads it, and return a note on that."""
+def _found(
+    fit: Identification, experiment: Experiment, link: str | None
+) -> tuple[_Found, PayloadEstimate, list[Finding]]:
+    """Estimate the further parameters of a log as the result reads it; return the payload among them, and a note on the reading."""
     experiment, taken = as_fitted(fit, experiment)
     same_robot(fit, experiment)
     if not fit.std.any():
@@ -185,7 +186,7 @@ def _found(fit: Identification, experiment: Experiment, link: str | None) -> tup
         columns=chosen,
         missing=tuple(entry for entry in names if entry not in block.names),
     )
-    return replace(found, estimate=_estimate(found, block)), taken
+    return found, _estimate(found, block), taken
 
 
 def _estimate(found: _Found, block: ColumnBlock) -> PayloadEstimate:
@@ -217,11 +218,10 @@ def _estimate(found: _Found, block: ColumnBlock) -> PayloadEstimate:
     )
 
 
-def _evidence(fit: Identification, found: _Found) -> list[Finding]:
-    """Return what speaks against a payload: errors that are not those of the fit and what explains them, and a load that is none."""
+def _evidence(fit: Identification, found: _Found, estimate: PayloadEstimate) -> list[Finding]:
+    """Return what speaks against a payload: errors above those of the fit, what explains them, and a load that is none."""
     system, parameters, b = found.system, found.parameters, found.parameters.n_base
-    robot, estimate = found.experiment.robot, found.estimate
-    assert estimate is not None
+    robot = found.experiment.robot
     root = np.sqrt(max(1, system.y.size // robot.n_dof))
     errors = Errors.beside(
         fit, system.norms(found.solved.residual) / root, system.norms(system.measured) / root
