@@ -217,7 +217,7 @@ def test_friction_is_that_of_the_result(fit: Identification, other: Experiment) 
     asymmetric = replace(other, robot=other.robot.with_friction(model="asymmetric"))
     found = validate(fit, asymmetric)
     (note,) = (reason for reason in found.verdict.notes if reason.code == "as-fitted")
-    assert "model = symmetric (the file: asymmetric)" in note.sentence
+    assert "model = symmetric (file: asymmetric)" in note.sentence
     silent = replace(fit, settings={key: value for key, value in fit.settings.items() if key != "robot"})
     with pytest.raises(FitError) as raised:
         validate(silent, asymmetric)

@@ -159,8 +159,8 @@ def test_friction_and_filters_are_those_of_the_result(
     np.testing.assert_array_equal(found.recordings[0].direct, wanted.recordings[0].direct)
     (note,) = [reason for reason in found.verdict.notes if reason.code == "as-fitted"]
     assert note.sentence == (
-        "taken from the result, not from the file of this log: coulomb = sign (the file: tanh), dead_zone = 0.3 (the file: 0.0), "
-        "cutoff_hz = 50.0 (the file: 30.0), decimation = [10] (the file: [8])"
+        "taken from the result, not from this log's file: coulomb = sign (file: tanh), dead_zone = 0.3 (file: 0.0), "
+        "cutoff_hz = 50.0 (file: 30.0), decimation = [10] (file: [8])"
     )
     assert not [reason for reason in wanted.verdict.reasons if reason.code == "as-fitted"]
 
@@ -186,6 +186,6 @@ def test_errors_above_those_of_the_fit_name_the_joints() -> None:
         facts={"share": 0.31, "ratios": [4.2], "applied": True, "explained": False},
     )
     assert finding.sentence == (
-        "on recording 'cold' the torques of joint 3 are off by up to 31 %, 4.2 times as much (N.m) as on the log of the fit"
+        "recording cold: the torques of joint 3 are off by up to 31 %, 4.2 times as much (N.m) as in the fit"
     )
     assert "fit lacks motion" in finding.advice

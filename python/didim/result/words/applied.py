@@ -36,10 +36,9 @@ def larger(f: Finding) -> str:
     ratios = f.facts["ratios"]
     low, high = (f"{value:.2g}" if value < 99.5 else f"{value:.0f}" for value in (min(ratios), max(ratios)))
     times = low if low == high else f"{low} to {high}"
-    names = series((f"'{name}'" for name in f.recordings), 40)
+    where = f"recording {series(f.recordings, 20)}: the torques of {_of(f)}"
     return (
-        f"on recording{'s' if len(f.recordings) > 1 else ''} {names} the torques of {_of(f)} are off by up to "
-        f"{_percent(f.facts['share'])} %, {times} times as much (N.m) as on the log of the fit"
+        f"{where} are off by up to {_percent(f.facts['share'])} %, {times} times as much (N.m) as in the fit"
     )
 
 
@@ -56,7 +55,7 @@ def larger_advice(f: Finding) -> str:
 
 
 def _left(f: Finding) -> str:
-    return f"{_percent(f.facts['left'])} % of the error remain (geometric mean; {f.facts['blocks']} of 10 blocks get better)"
+    return f"{_percent(f.facts['left'])} % of the error remain (geometric mean)"
 
 
 def _undeclared(f: Finding) -> str:
@@ -82,8 +81,8 @@ def _no_load(f: Finding) -> str:
 
 
 def _as_fitted(f: Finding) -> str:
-    parts = (f"{each['key']} = {each['value']} (the file: {each['file']})" for each in f.facts["taken"])
-    return f"taken from the result, not from the file of this log: {series(parts, 200)}"
+    parts = (f"{each['key']} = {each['value']} (file: {each['file']})" for each in f.facts["taken"])
+    return f"taken from the result, not from this log's file: {series(parts, 130)}"
 
 
 WORDS: dict[str, tuple[Any, Any]] = {

@@ -50,7 +50,7 @@ def _unit(j: tuple[int, ...], v: Any, f: Any) -> str:
 
 def _reversed(j: tuple[int, ...], v: Any, f: Any) -> str:
     keys = " and ".join(f"{key}s" for key in f["keys"])
-    return f"the {keys} look as if they were in reversed order, from the last joint to the first"
+    return f"the {keys} look as if they were in reversed order, last joint first"
 
 
 def _reversed_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
