@@ -75,7 +75,7 @@ class LogRows(Declared):
     recordings : sequence of Recording
         What they were read from, where units, sides and rates are asked too.
     known : (p,) array, optional
-        Base parameters that are known: nothing is fitted then.
+        Values of the columns that are known, NaN for those that are fitted beside them.
     logs : LogParameters, optional
         What the logs have beside the robot: its columns stand behind the base columns, and what is known of payloads is one more,
         whose factor is free.
@@ -181,7 +181,8 @@ class LogRows(Declared):
             Screen(self.robot, motion, self._whole(step)),
             self.w[:, ::step, self.logs.n_base :],
             self.y[:, ::step],
-            None if self.known is None else self.robot.base_parameters.lift(self.known),
+            None if self.known is None else self.robot.base_parameters.lift(self.known[: self.logs.n_base]),
+            None if self.known is None else self.known[self.logs.n_base :],
         )
 
     def rough(self, hypothesis: Hypothesis) -> float:
@@ -209,6 +210,12 @@ class LogRows(Declared):
         if columns is None:
             return np.full(self.n, math.inf)
         return columns.products.seen(*hypothesis.channels)
+
+    def knowing(self, known: Array, columns: Array | None = None) -> Products:
+        """Return the products with other known values, (p + m,), NaN for fitted ones, and with further columns, (n, n_rows, m)."""
+        if columns is None:
+            return self.products.knowing(known)
+        return Products.of(np.concatenate([self.w, columns], axis=2), self.y, given=known)
 
     def exact(self, hypothesis: Hypothesis) -> Columns | None:
         """Return columns as those of a fit, (n, n_rows, p), names and products; None where they cannot be computed."""

@@ -18,8 +18,8 @@ from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
 from ..signal.window import windows_of
-from .loaded import same_parameters, standard_in, with_gains_of
-from .prediction import fitted_experiment, with_friction_of
+from .loaded import same_parameters, standard_in, with_friction_of, with_gains_of
+from .prediction import fitted_experiment
 
 SPEEDS = 401
 """Number of speeds of a curve, from the largest negative to the largest positive one."""

@@ -24,13 +24,12 @@ from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
 from ..result.uncertainty import student_factor
-from ..robot.friction import Friction
 from ..robot.robot import Robot
 from ..signal.decimation import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, windows_of
-from .loaded import same_parameters, standard_in, unloaded, with_gains_of
+from .loaded import same_parameters, standard_in, unloaded, with_friction_of, with_gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,15 +208,6 @@ def predict(
                 )
             )
     return predictions
-
-
-def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
-    """Return the experiment with the friction terms of a result, which may have been chosen by the identification."""
-    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms")
-    if not saved and not experiment.robot.friction.open:
-        return experiment
-    robot = experiment.robot.with_terms(Friction.terms_of(saved or ()))
-    return replace(experiment, robot=robot)
 
 
 def simulate_window(

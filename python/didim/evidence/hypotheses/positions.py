@@ -32,6 +32,17 @@ def exchanged(rows: LogRows) -> Iterator[Hypothesis]:
         yield Hypothesis(code="swapped-joints", joints=joints, position=swap, order=tuple(order))
 
 
+def reversed_positions(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return all positions from the last joint to the first, with and without their torques."""
+    if rows.n > 2:
+        order = tuple(range(rows.n))[::-1]
+        turned = np.eye(rows.n)[list(order)]
+        yield Hypothesis(code="reversed-joints", position=turned, facts={"keys": ["position"]})
+        yield Hypothesis(
+            code="reversed-joints", position=turned, order=order, facts={"keys": ["position", "torque"]}
+        )
+
+
 def scales(rows: LogRows) -> Iterator[Hypothesis]:
     """Return the best gear of each joint, the best scale of its encoder, and the best rate where no time stamps say it."""
     n = rows.n

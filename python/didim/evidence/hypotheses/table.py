@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from ..rows import LogRows
 from .geometry import conventions, gravities, lengths, twists
 from .hypothesis import Hypothesis
-from .positions import exchanged, positions, scales, sides, units
-from .torques import exchanges, gains
+from .positions import exchanged, positions, reversed_positions, scales, sides, units
+from .torques import exchanges, gains, of_motors, reversed_torques, scaled
 
 Family = Callable[[LogRows], Iterator[Hypothesis]]
 """Generator of a family's hypotheses for the rows of a log."""
@@ -18,5 +18,9 @@ OF_SIGNS: tuple[Family, ...] = (positions,)
 """Families about a joint's direction of rotation, which friction also determines."""
 OF_READINGS: tuple[Family, ...] = (units, sides, exchanged, scales)
 """Families about how the log's columns are read, for `check` and for logs with large residuals."""
+OF_KNOWN: tuple[Family, ...] = (scaled, of_motors, reversed_torques)
+"""Families about all torques at once, which only known parameters tell: without them a log fits in any unit."""
+OF_ORDER: tuple[Family, ...] = (reversed_positions,)
+"""Families about the order of all joints, beside known parameters."""
 OF_ROBOT: tuple[Family, ...] = (gravities, conventions, twists, lengths)
 """Families about the robot file, independent of known parameters; a cheap screening excludes most hypotheses."""

@@ -33,7 +33,28 @@ def _side(j: tuple[int, ...], v: Any, f: Any) -> str:
 
 
 def _side_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
-    return f'Write side = "{f["side"]}" under {" and ".join(f"[recording.{key}]" for key in f["keys"])}'
+    text = f'Write side = "{f["side"]}" under {" and ".join(f"[recording.{key}]" for key in f["keys"])}'
+    if "ratios" in f:
+        ratios = ", ".join(f"{ratio:.3g}" for ratio in f["ratios"])
+        return (
+            f"{text}, and the gear ratios as reduction under [transmission] of the robot file: about {ratios}"
+        )
+    return text
+
+
+def _unit(j: tuple[int, ...], v: Any, f: Any) -> str:
+    if "unit" in f:
+        return f"the torques look as if they were in {f['unit']}"
+    return f"all torques look {v:.3g} times as large as they are"
+
+
+def _reversed(j: tuple[int, ...], v: Any, f: Any) -> str:
+    keys = " and ".join(f"{key}s" for key in f["keys"])
+    return f"the {keys} look as if they were in reversed order, last joint first"
+
+
+def _reversed_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
+    return f"Reverse the columns under {' and '.join(f'[recording.{key}]' for key in f['keys'])}"
 
 
 def _gravity(j: tuple[int, ...], v: Any, f: Any) -> str:
@@ -105,6 +126,16 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
         _gain,
         "Divide gain under [recording.torque] by {v:.3g} for this joint, or look at its gear ratio",
         "weigh it: log a payload of known mass",
+    ),
+    "torque-unit": (
+        _unit,
+        "Divide scale under [recording.torque] by {v:.4g}: scale is 1 where it is not written",
+        "weigh it: log a payload of known mass",
+    ),
+    "reversed-joints": (
+        _reversed,
+        _reversed_edit,
+        "move one of the joints alone and see which columns answer",
     ),
     "swapped-positions": (
         "the positions of joints {j[0]} and {j[1]} look as if they were exchanged",
