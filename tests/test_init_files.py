@@ -234,7 +234,7 @@ def test_matrices_that_lie_and_fields_of_structures(tmp_path: Path) -> None:
     rec = {"time_s": T[None, :], "act_pos_mot_rad": Q.T, "act_pos_se_rad": Q.T + 0.01, "act_torque_nm": TAU.T}
     scipy.io.savemat(tmp_path / "log.mat", {"rec": rec, "para": {"u": np.ones((2, 1))}})
     _, draft = initialise("planar2", tmp_path / "log.mat")
-    question, _ = draft.questions
+    (question,) = draft.questions
     assert question.endswith("choose one with --columns position=...")
     path, draft = initialise(
         "planar2",
