@@ -291,8 +291,9 @@ def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int])
 
 
 def _distinct(tried: Iterable[Tried]) -> list[Tried]:
-    """Return the best of each kind and joint."""
-    distinct: dict[tuple[str, tuple[int, ...]], Tried] = {}
+    """Return the best of each kind and joint, and each robot."""
+    distinct: dict[tuple[object, ...], Tried] = {}
     for trial in tried:
-        distinct.setdefault((trial.hypothesis.code, trial.hypothesis.joints), trial)
+        own = trial.hypothesis
+        distinct.setdefault((own.code, own.joints, own.facts.get("robot")), trial)
     return list(distinct.values())

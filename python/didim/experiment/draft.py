@@ -349,8 +349,6 @@ def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str)
 
 def _transmission(robot: Robot, ratio: float | None, draft: Draft) -> list[str]:
     """Return the gear ratios of columns on the motor side, if the robot has none: the `ratio` that was found, or open lines."""
-    if robot.reduction is not None:
-        return []
     head = "Rows are motors, columns joints: q_motor = reduction q."
     if ratio is not None:
         gears = json.dumps((ratio * np.eye(robot.n_dof)).tolist())
@@ -360,6 +358,8 @@ def _transmission(robot: Robot, ratio: float | None, draft: Draft) -> list[str]:
             "[transmission]",
             f"reduction = {gears} # confirm: by the torques, one for all",
         ]
+    if robot.reduction is not None:
+        return []
     draft.questions.append(
         "the columns are of motors, and the robot file has no reduction: fill in [transmission]"
     )

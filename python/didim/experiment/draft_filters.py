@@ -19,7 +19,7 @@ from .._tools.arrays import Array
 from .._tools.words import counted, percent_text, series
 from ..errors import DidimError
 from ..log.recording import Recording
-from ..log.units import POSITION
+from ..log.units import POSITION, motor_ratios
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem, linear_system
 from ..regression.selection import select
@@ -47,10 +47,6 @@ chosen."""
 LEAST_COMPARED_SAMPLES = 400
 """Smallest number of samples for a comparison of cut-offs."""
 
-MOTOR_RATIOS = (10.0, 400.0)
-"""Gear ratios that are tried for positions too large for joints: those of arms are between 30 and 250."""
-RATIO_STEP = 0.1
-"""Step of the logarithm of the ratio: an error of 5 % moves a joint of two radians by 6 degrees, and its torques by as much."""
 MOTOR_BETTER = 0.5
 """Share of the relative error in degrees that the motor side must leave, for degrees to be given up: chance leaves 0.9."""
 USUAL_ERROR = 0.2
@@ -145,24 +141,23 @@ def motor_ratio(
     except DidimError:
         return None
 
-    def left(log_ratio: float) -> float:
-        factor = 1.0 / (POSITION["deg"] * math.exp(log_ratio))
+    def left(ratio: float) -> float:
+        factor = 1.0 / (POSITION["deg"] * ratio)
         moved = [
             replace(part, q=factor * part.q, dq=factor * part.dq, ddq=factor * part.ddq) for part in parts
         ]
         found = _relative_error(robot, moved, signal)
         return math.inf if found is None else found
 
-    low, high = np.log(MOTOR_RATIOS)
-    grid = np.linspace(low, high, math.ceil((high - low) / RATIO_STEP) + 1)
-    best = int(np.argmin([left(value) for value in grid]))
+    grid = motor_ratios()
+    best = int(np.argmin([left(ratio) for ratio in grid]))
     if not 0 < best < len(grid) - 1:
         return None
     bounds = (grid[best - 1], grid[best + 1])
-    optimum = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    optimum = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3 * grid[best]})
     if not optimum.fun < MOTOR_BETTER * error:
         return None
-    ratio = float(f"{math.exp(optimum.x):.3g}")
+    ratio = float(f"{optimum.x:.3g}")
     whole = float(round(ratio))
     return whole if abs(whole - ratio) < 0.01 * ratio else ratio
 

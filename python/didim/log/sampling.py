@@ -76,8 +76,8 @@ def check_time(t: Array, rate_hz: float | None, file: str) -> float:
     Raises
     ------
     RecordingError
-        When a step differs by more than 1 % from the median step (single ones by more than 5 %), which names the row and how many samples
-        are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
+        When a step differs by more than 1 % from the median step (single ones by more than 5 %), which names the row and how
+        many samples are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
     """
     for fault in time_faults(t, rate_hz, file):
         raise RecordingError(fault.sentence)
