@@ -37,6 +37,7 @@ from .draft_filters import MOTOR_BETTER, Filters, choose_filters, error_sentence
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
+from .loop_tables import of_actuators
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
@@ -117,6 +118,9 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
+    if own_file:  # a robot file of ours has no actuators, so the experiment file has their gains
+        of_robot = {key: gain for key, gain in of_actuators(model).items() if key != "saturation"}
+        model, servo = replace(model, actuators=()), {**of_robot, **(servo or {})}
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)

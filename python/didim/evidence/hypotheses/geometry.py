@@ -28,7 +28,7 @@ def with_geometry(robot: Robot, **changes: object) -> Robot:
 def other_robots(rows: LogRows) -> Iterator[Hypothesis]:
     """Return the geometry of each included robot with the same kinds of joints, standing as the declared one does."""
     declared = rows.robot.geometry
-    if declared.mounts:
+    if declared.mounts or rows.known is not None:  # known parameters are those of the declared rows
         return
     for name, included in _included().items():
         other = included.geometry

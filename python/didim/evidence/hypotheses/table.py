@@ -16,7 +16,7 @@ OF_TORQUES: tuple[Family, ...] = (gains, exchanges)
 """Families that do not change the columns, two milliseconds per hypothesis; signs come before all others."""
 OF_SIGNS: tuple[Family, ...] = (positions,)
 """Families about a joint's direction of rotation, which friction also determines."""
-OF_READINGS: tuple[Family, ...] = (units, sides, reversals, exchanged, scales)
+OF_READINGS: tuple[Family, ...] = (units, sides, reversals, other_robots, exchanged, scales)
 """Families about how the log's columns are read, for `check` and for logs with large residuals."""
-OF_ROBOT: tuple[Family, ...] = (other_robots, gravities, conventions, twists, lengths)
+OF_ROBOT: tuple[Family, ...] = (gravities, conventions, twists, lengths)
 """Families about the robot file, independent of known parameters; a cheap screening excludes most hypotheses."""
