@@ -26,19 +26,19 @@ def with_geometry(robot: Robot, **changes: object) -> Robot:
 
 
 def other_robots(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return the geometry of each included robot with the same kinds of joints, standing as the declared one does."""
+    """Return the geometry of each included robot with the same kinds of joints, standing as its file says or as the declared one."""
     declared = rows.robot.geometry
     if declared.mounts or rows.known is not None:  # known parameters are those of the declared rows
         return
     for name, included in _included().items():
         other = included.geometry
-        rows_differ = any(
-            getattr(other, key) != getattr(declared, key) for key in ("alpha", "d", "theta", "r")
-        )
-        if name != rows.robot.name and other.kinds == declared.kinds and not other.mounts and rows_differ:
-            robot = with_geometry(
-                rows.robot, **{key: getattr(other, key) for key in ("alpha", "d", "theta", "r")}
-            )
+        table = {key: getattr(other, key) for key in ("alpha", "d", "theta", "r")}
+        if name == rows.robot.name or other.kinds != declared.kinds or other.mounts:
+            continue
+        if all(getattr(declared, key) == values for key, values in table.items()):
+            continue
+        for gravity in dict.fromkeys((other.gravity, declared.gravity)):
+            robot = with_geometry(rows.robot, **table, gravity=gravity)
             yield Hypothesis(
                 code="another-robot", robot=robot, facts={"robot": name, "declared": rows.robot.name}
             )
