@@ -11,18 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from didim.signal.window import Window
 from numpy.typing import NDArray
 
 import didim
 from didim import Experiment, Recording, SignalProcessing, check, load_experiment
 from didim.cli.main import main
 from didim.diagnosis.finding import Findings
+from didim.diagnosis.limits import check_limits
 from didim.errors import FitError
 from didim.evidence.torques import constant_torque_findings
 from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
-from didim.studies.simulated_log import PACKAGED, measured, simulated_log
+from didim.robot.robot import JointLimits
+from didim.studies.simulated_log import PACKAGED, measured, packaged_experiment, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
 
@@ -562,3 +565,109 @@ def test_a_dead_torque_sensor_of_a_motor_is_found_behind_the_coupling(tx40: Log,
     assert item.sentence.endswith("(column tau5 of log.csv)")
     (reason,) = constant_torque_findings(load_experiment(motors))
     assert "the torque of motor 5 is constant" in reason.sentence
+
+
+def backwards(log: Log, *keys: str) -> Log:
+    return replace(log, **{key: getattr(log, key)[:, ::-1] for key in keys})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keys", [("q", "tau"), ("q",), ("tau",)])
+def test_columns_that_begin_with_the_last_joint(
+    short_tx40: Log, tmp_path: Path, keys: tuple[str, ...]
+) -> None:
+    item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-order")
+    words = " and ".join({"q": "positions", "tau": "torques"}[key] for key in keys)
+    assert item.sentence.startswith(f"the {words} look as if their columns were in reversed order")
+    for key, table in (("q", "[recording.position]"), ("tau", "[recording.torque]")):
+        assert (table in item.advice) == (key in keys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "ratio"), [("rad", 100.0), ("deg", 100.0), ("rad", 30.0), ("deg", 30.0)])
+def test_motors_behind_gears_that_no_file_has(
+    short_tx40: Log, tmp_path: Path, unit: str, ratio: float
+) -> None:
+    """One line for one cause, where each joint was far beyond its range before."""
+    log = replace(short_tx40, q=ratio * short_tx40.q, tau=short_tx40.tau / ratio, unit=unit)
+    item = alone(check(log.write(tmp_path)), "side")
+    assert item.facts["ratio"] == pytest.approx(ratio, rel=0.02)
+    assert f"behind gears of about {item.facts['ratio']:.3g}, not of the joints" in item.sentence
+    assert "the gear ratios under [transmission]" in item.advice
+
+
+@pytest.mark.slow
+def test_radians_of_motors_declared_as_degrees_of_joints(short_tx40: Log, tmp_path: Path) -> None:
+    """By the gears of the robot file."""
+    item = alone(check(replace(on_motor_side(short_tx40), unit="deg").write(tmp_path)), "side")
+    assert "those of the motors, in rad, not of the joints" in item.sentence
+    assert 'unit = "rad" for the positions' in item.advice
+
+
+def test_milliradians(log: Log, tmp_path: Path) -> None:
+    item = alone(check(replace(log, q=1e3 * log.q).write(tmp_path)), "unit", (1, 2))
+    assert "were in mrad, not in rad" in item.sentence
+    assert "scale = 0.001 under [recording.position]" in item.advice
+    path = replace(log, q=1e3 * log.q).write(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('unit = "rad"', 'unit = "rad"\nscale = 0.001'), encoding="utf-8")
+    assert not check(path)
+
+
+@pytest.mark.parametrize("known", ["the parameter set", "the limits", "neither"])
+@pytest.mark.parametrize("factor", [1.0, 10.0, 1000.0])
+def test_torques_in_millinewton_metres(
+    log: Log, project: Path, tmp_path: Path, known: str, factor: float
+) -> None:
+    """A fit does not see them; the parameters of the robot file do, or its limits, and no line a joint is left."""
+    text = (project / "python/didim/packaged/robots/planar2.toml").read_text(encoding="utf-8")
+    if known != "the parameter set":
+        text = text[: text.index("[parameters.")]
+    if known == "neither":
+        text = re.sub(r", torque_n_m = [0-9.]+", "", text)
+    (tmp_path / "arm.toml").write_text(text, encoding="utf-8")
+    found = check(replace(log, tau=factor * log.tau, robot="arm.toml").write(tmp_path))
+    if factor == 1000.0 and known != "neither":
+        item = alone(found, "torque-unit", (1, 2))
+        assert item.grade == "wrong"
+        assert "1000 times too large, as if they were in mN.m, not in N.m" in item.sentence
+        assert "scale = 0.001 under [recording.torque]" in item.advice
+    else:
+        assert {item.kind for item in found} <= {"limits"}
+    if known == "the parameter set":
+        with_parameters = check(replace(log, tau=factor * log.tau).write(tmp_path), "reference")
+        assert [item.kind for item in with_parameters][:1] == {1.0: [], 10.0: ["drive-gain"]}.get(
+            factor, ["torque-unit"]
+        ) or factor == 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("declared", ["kr16", "ur5e"])
+def test_another_included_robot_is_named(short_tx40: Log, tmp_path: Path, declared: str) -> None:
+    item = alone(check(replace(short_tx40, robot=declared).write(tmp_path)), "another-robot")
+    assert item.facts["robot"] == "tx40"
+    assert f"the log fits the included robot 'tx40' better than '{declared}'" in item.sentence
+    assert 'robot = "tx40"' in item.advice
+
+
+def test_limits_of_many_joints_are_one_line() -> None:
+    log = packaged_experiment("tx40")
+    n = log.robot.n_dof
+    limits = tuple(JointLimits(position=(-1.0, 1.0), velocity=1.0, effort=1.0) for _ in range(n))
+    robot = replace(log.robot, limits=limits)
+    t = np.arange(400) / 1000.0
+    q = np.sin(2.0 * t)[:, None] * np.ones(n)
+
+    def part(joints: int) -> Window:
+        mask = np.arange(n) < joints
+        values = {"q": 2.0 * q * mask, "dq": 3.0 * q * mask, "ddq": q, "tau": 4.0 * q * mask}
+        return Window(name="log", place="log", rate_hz=1000.0, **values)
+
+    for joints, lines in ((0, 0), (1, 3), (2, 6), (3, 3), (6, 3)):
+        found = check_limits(replace(log, robot=robot), [part(joints)])
+        assert len(found) == lines
+        assert all(len(item.joints) == (joints if joints > 2 else 1) for item in found)
+    assert "the torques of joints 1, 2, 3, 4, 5 and 6 are beyond the limits of robot" in found[-1].sentence
+    far = check_limits(replace(log, robot=robot), [replace(part(6), q=100.0 * q)])
+    (item,) = [each for each in far if each.kind == "range"]
+    assert item.joints == (1, 2, 3, 4, 5, 6)

@@ -234,7 +234,7 @@ def test_matrices_that_lie_and_fields_of_structures(tmp_path: Path) -> None:
     rec = {"time_s": T[None, :], "act_pos_mot_rad": Q.T, "act_pos_se_rad": Q.T + 0.01, "act_torque_nm": TAU.T}
     scipy.io.savemat(tmp_path / "log.mat", {"rec": rec, "para": {"u": np.ones((2, 1))}})
     _, draft = initialise("planar2", tmp_path / "log.mat")
-    question, _ = draft.questions
+    (question,) = draft.questions
     assert question.endswith("choose one with --columns position=...")
     path, draft = initialise(
         "planar2",
@@ -522,3 +522,91 @@ def test_a_file_of_many_arrays_is_read_once(
     assert len(calls) == 1
     (question,) = [text for text in draft.questions if "the log has 50 positions" in text]
     assert len(question) < 200
+
+
+def one_value_a_line(path: Path, values: Array) -> Path:
+    path.write_text("\n".join(f"{value:.9g}" for value in values.ravel()) + "\n", encoding="utf-8")
+    return path
+
+
+def uneven(rng: np.random.Generator) -> Array:
+    """Stamps of a loop without real time, as the public log of a Panda has them."""
+    return np.cumsum(rng.uniform(0.9, 1.1, len(T))) / RATE
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("given", [[], ["--values-per-sample", "2"]])
+def test_files_of_one_value_a_line_for_all_joints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], timed: bool, given: list[str]
+) -> None:
+    """The layout of a public log of a Panda: each signal of all joints in a file, line by line, and the stamps in another."""
+    rng = np.random.default_rng(1)
+    signals = {"positions": Q, "velocity": DQ, "torques": TAU}
+    if timed:
+        signals["time"] = uneven(rng)
+    else:
+        del signals["velocity"]
+    logs = [str(one_value_a_line(tmp_path / f"traj_{name}.txt", values)) for name, values in signals.items()]
+    out = tmp_path / "x.toml"
+    rate = [] if timed else ["--rate", "500"]
+    assert main(["init", "planar2", *logs, *rate, *given, "-o", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert f"{len(logs)} files are signals of one recording" in told
+    assert ("taken for 2 values a sample (--values-per-sample)" in told) == (not given)
+    (recording,) = load_experiment(out).recordings
+    assert recording.q.shape[1] == 2
+    if not timed:
+        check_log(out, "traj")
+
+
+def test_one_value_a_line_of_unknown_width(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no name says which signal a file holds, one question names the option."""
+    logs = [
+        str(one_value_a_line(tmp_path / f"{name}.txt", values)) for name, values in (("a", Q), ("b", TAU))
+    ]
+    assert main(["init", "planar2", *logs, "--rate", "500", "-o", str(tmp_path / "x.toml")]) == 1
+    assert "--values-per-sample says how many make a sample" in capsys.readouterr().err
+    more = ["--values-per-sample", "2", "--rate", "500", "-o", str(tmp_path / "x.toml")]
+    assert main(["init", "planar2", *logs, *more]) == 0
+    check_log(tmp_path / "x.toml", load_experiment(tmp_path / "x.toml").recordings[0].name)
+
+
+@pytest.mark.parametrize("other", ["ddq", "base", "current_ref"])
+def test_a_file_that_is_no_signal_of_the_joints_is_left_out(tmp_path: Path, other: str) -> None:
+    """Five files of one log, as those of a humanoid: accelerations, or a file of another width, make no recordings."""
+    rng = np.random.default_rng(2)
+    more = {
+        "ddq": -Q,
+        "base": rng.standard_normal((len(T), 3)),
+        "current_ref": rng.standard_normal((len(T), 5)),
+    }
+    signals = {"q": Q, "dq": DQ, "tau": TAU, "time": T, other: more[other]}
+    logs = [
+        write(tmp_path / f"data_{name}.txt", None, values, delimiter=" ") for name, values in signals.items()
+    ]
+    path, draft = initialise("planar2", logs, tmp_path / "x.toml")
+    assert not draft.questions
+    assert draft.read[0].startswith("5 files are signals of one recording")
+    check_log(path, "data")
+
+
+@pytest.mark.parametrize("name", ["ang", "state"])
+def test_positions_and_torques_in_two_files(tmp_path: Path, name: str) -> None:
+    """``ang.txt torque.txt``: one recording, and what no name says the values do."""
+    rng = np.random.default_rng(3)
+    noisy = TAU + 0.5 * rng.standard_normal(TAU.shape)
+    logs = [
+        write(tmp_path / f"{stem}.txt", None, values, delimiter=" ")
+        for stem, values in ((name, Q), ("torque", noisy))
+    ]
+    path, draft = initialise("planar2", logs, tmp_path / "x.toml", rate_hz=RATE)
+    assert not draft.questions
+    (recording,) = load_experiment(path).recordings
+    np.testing.assert_allclose(recording.q, Q, atol=1e-10)
+
+
+def test_files_with_the_same_signal_stay_recordings(tmp_path: Path) -> None:
+    """Two runs without torques are not one log."""
+    logs = [write(tmp_path / f"{name}.csv", ["t", "q1", "q2"], T, Q) for name in ("monday", "tuesday")]
+    _, draft = initialise("planar2", logs, tmp_path / "x.toml")
+    assert "2 files make 2 recordings" in draft.read

@@ -296,7 +296,7 @@ def test_one_value_a_line_and_wrong_options(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_the_rest_before_and_after_a_motion_is_left_out(tmp_path: Path) -> None:
-    """And so is the way to the start of the motion."""
+    """And no motion: the way to the start, after a rest, counts."""
     q = np.concatenate(
         [np.tile(Q[:1] + 0.1, (500, 1)), np.linspace(Q[0] + 0.1, Q[0], 150), np.tile(Q[:1], (400, 1)), Q]
     )
@@ -305,7 +305,7 @@ def test_the_rest_before_and_after_a_motion_is_left_out(tmp_path: Path) -> None:
     log = write(tmp_path / "run.csv", ["t", *named("q"), *named("tau")], t, q, np.cos(q))
     path, draft = initialise("ur5e", log)
     ((start, stop),) = load_experiment(path).recordings[0].windows
-    assert abs(start - 1050) <= 100
+    assert abs(start - 500) <= 100
     assert abs(stop - 5050) <= 100
     assert any("the samples before and after are left out" in sentence for sentence in draft.read)
 
@@ -344,3 +344,121 @@ def test_values_per_sample_has_bounds(tmp_path: Path, capsys: pytest.CaptureFixt
     log.write_text("\n".join(["0.1"] * 100) + "\n", encoding="utf-8")
     assert main(["init", "planar2", str(log), "--values-per-sample", "0"]) == 2
     assert "--values-per-sample must be a whole number from 1 to 10000, got 0" in capsys.readouterr().err
+
+
+def test_steps_after_waves_count_as_motion(tmp_path: Path) -> None:
+    """Twenty seconds of waves, and twenty of steps every two: all of it, and half a second of rest before and after goes."""
+    rate, wave = 50.0, 20.0
+    t = np.arange(round(46 * rate)) / rate
+    levels = np.random.default_rng(0).uniform(-0.5, 0.5, (10, 2))
+    steps = levels[np.clip(((t - 22.0) // 2).astype(int), 0, 9)]
+    command = np.where((t < 2.0)[:, None], 0.0, 0.4 * np.sin((t - 2.0)[:, None] * np.array([2.0, 3.0])))
+    command = np.where((t < 2.0 + wave)[:, None], command, steps)
+    q = command.copy()
+    for k in range(1, len(q)):
+        q[k] = q[k - 1] + 0.3 * (command[k] - q[k - 1])
+    names = ["t", "q1", "q2", "cmd1", "cmd2"]
+    log = write(tmp_path / "run.csv", names, t, q, command)
+    path, _ = initialise("planar2", log, servo={"kp": [20.0], "kv": [1.5]})
+    ((start, stop),) = load_experiment(path).recordings[0].windows
+    moved = np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-3)
+    assert abs(start - moved[0]) <= 10
+    assert abs(stop - moved[-1]) <= 15
+    assert moved[-1] > 40.0 * rate  # the last step is not the end of the waves
+
+
+@pytest.mark.parametrize(("late", "bridged"), [(1.1e-2, True), (4e-2, True), (8e-2, False)])
+def test_a_late_stamp_is_no_uneven_log(tmp_path: Path, late: float, bridged: bool) -> None:
+    """One step of 20.29 in place of 20.06 ms: the log is read as it is. Beyond a twentieth of a step it is resampled."""
+    step = 20.06e-3
+    t = step * np.arange(400)
+    t[200:] += late * step
+    q = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    log = write(tmp_path / "run.csv", ["t", "q1", "q2", "tau1", "tau2"], t, q, np.cos(q))
+    path, _ = initialise("planar2", log)
+    assert ("resample = true" in path.read_text(encoding="utf-8")) != bridged
+    (recording,) = load_experiment(path).recordings
+    assert len(recording.q) in (400, 401)
+    # Many of them are uneven sampling.
+    t = step * np.arange(400) + np.repeat(np.arange(40), 10) * 1.1e-2 * step
+    path, _ = initialise(
+        "planar2", write(log, ["t", "q1", "q2", "tau1", "tau2"], t, q, np.cos(q)), force=True
+    )
+    assert "resample = true" in path.read_text(encoding="utf-8")
+
+
+def arm_log(folder: Path, *, position: float = 1.0, torque: float = 1.0) -> Path:
+    """A log of the planar arm with gravity along y, positions and torques times factors."""
+    rng = np.random.default_rng(4)
+    robot = didim.load_robot("planar2")
+    t = np.arange(6000) / 500.0
+    phases = rng.uniform(0.0, 6.0, (5, 2))
+    waves = [np.sin(2 * np.pi * 0.25 * (k + 1) * t[:, None] + phases[k]) / (k + 1) for k in range(5)]
+    q = np.sum(waves, axis=0) * np.array([1.2, 1.5])
+    dq = np.gradient(q, t, axis=0)
+    tau = didim.inverse_dynamics(robot, q, dq, np.gradient(dq, t, axis=0), robot.parameter_set("reference"))
+    tau = tau + 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    names = ["t", "q1", "q2", "tau1", "tau2"]
+    return write(folder / "run.csv", names, t, position * q, torque * tau)
+
+
+def printed_error(sentences: list[str]) -> str:
+    (sentence,) = [each for each in sentences if each.startswith("relative error of the fit (idim-ls): ")]
+    return sentence.removeprefix("relative error of the fit (idim-ls): ").split(" %")[0]
+
+
+@pytest.mark.parametrize("ratio", [None, 30.0, 100.0, 160.0])
+def test_motors_are_tried_before_degrees(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ratio: float | None
+) -> None:
+    """Positions too large for radians: degrees where they are, else gears of the ratio that the torques show."""
+    factor = np.degrees(1.0) if ratio is None else ratio
+    log = arm_log(tmp_path, position=factor, torque=1.0 / factor if ratio else 1.0)
+    assert main(["init", "planar2", str(log)]) == 0
+    told = capsys.readouterr().out
+    content = tomllib.loads((tmp_path / "run.toml").read_text(encoding="utf-8"))
+    position = content["recording"][0]["position"]
+    if ratio is None:
+        assert (position["unit"], position["side"]) == ("deg", "joint")
+        assert "transmission" not in content
+    else:
+        assert (position["unit"], position["side"]) == ("rad", "motor")
+        assert content["recording"][0]["torque"]["side"] == "motor"
+        found = np.diag(content["transmission"]["reduction"])
+        np.testing.assert_allclose(found, ratio, rtol=0.02)
+        assert "positions are those of motors behind gears of about" in told
+        assert "in degrees the relative error is" in told
+    assert "not usual" not in told
+
+
+def test_gears_of_the_robot_file_are_tried_before_degrees(tmp_path: Path) -> None:
+    arm_log(tmp_path, position=80.0, torque=1.0 / 80.0)
+    assert main(["robot", "planar2", "-o", str(tmp_path / "geared.toml")]) == 0
+    with (tmp_path / "geared.toml").open("a", encoding="utf-8") as file:
+        file.write("\n[transmission]\nreduction = [[80.0, 0.0], [0.0, 80.0]]\n")
+    path, draft = initialise(str(tmp_path / "geared.toml"), tmp_path / "run.csv")
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert content["recording"][0]["position"]["side"] == "motor"
+    assert "transmission" not in content
+    assert any(each.startswith("positions are those of the motors") for each in draft.read)
+
+
+def test_init_prints_the_error_of_identify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same number in the same words, by the same definition."""
+    _, draft = initialise("planar2", arm_log(tmp_path))
+    printed = printed_error(draft.read)
+    assert main(["identify", str(tmp_path / "run.toml")]) in (0, 1)
+    table = capsys.readouterr().out
+    (line,) = [line for line in table.splitlines() if line.startswith("fit ")]
+    assert line.split()[-1] == printed
+
+
+def test_an_error_that_is_not_usual_is_not_printed_as_if_it_were(tmp_path: Path) -> None:
+    log = arm_log(tmp_path)
+    t, *columns = np.loadtxt(log, delimiter=",", skiprows=1).T
+    names = ["t", "q1", "q2", "tau1", "tau2"]
+    noise = np.random.default_rng(0).standard_normal((len(t), 2))
+    write(log, names, t, *columns[:2], noise)
+    _, draft = initialise("planar2", log)
+    assert float(printed_error(draft.read)) > 90.0
+    assert any("which is not usual" in each and "`didim check run.toml`" in each for each in draft.read)

@@ -6,6 +6,7 @@ Suggestions for all misspelt names (commands, options, methods, columns, keys, r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import accumulate
 
@@ -130,3 +131,11 @@ def printable(text: str) -> str:
         else character.encode("unicode_escape").decode()
         for character in text
     )
+
+
+def percent_text(percent: float) -> str:
+    """Return a percentage, with fewer decimals the larger it is."""
+    if not math.isfinite(percent):
+        return "-"
+    size = abs(percent)
+    return f"{percent:.{4 if size < 10.0 else 2 if size < 100.0 else 0}f}"

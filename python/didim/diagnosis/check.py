@@ -46,7 +46,7 @@ from .bandwidth import check_bandwidth
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Findings
-from .limits import check_limits
+from .limits import check_limits, check_torque_unit
 from .reference import check_reference
 from .sampled import time_findings
 from .standstill import check_standstill
@@ -271,7 +271,11 @@ def _model(
     if not job.parameters.simple:
         beta = None  # what the logs have beside the robot is not known
     hints: list[Finding] = []
-    named = _causes(rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta), hints)
+    judged = rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta)
+    thousand = check_torque_unit(robot, judged, parts)
+    if thousand and beta is not None:
+        return thousand  # known parameters predict torques of another unit
+    named = [*thousand, *_causes(judged, hints)]
     if named:
         # What else a log declared so wrongly seems to have comes from that.
         return named

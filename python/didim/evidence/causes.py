@@ -19,7 +19,7 @@ from ..regression.linear_system import LinearSystem
 from ..robot.parameters import friction_names
 from .hypotheses.hypothesis import Hypothesis
 from .hypotheses.positions import scales
-from .hypotheses.table import OF_KNOWN, OF_ORDER, OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
+from .hypotheses.table import OF_KNOWN, OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
 from .hypotheses.torques import exchanges, signs
 from .products import BLOCKS, Declared, Judged, Products
 from .rows import Columns, LogRows
@@ -138,8 +138,7 @@ class Search:
         scored: list[tuple[float, Hypothesis]] = []
         known = rows.known is not None
         families = OF_SIGNS if known else (*OF_SIGNS, *OF_ROBOT)
-        readings = (*OF_READINGS, *OF_ORDER) if known else OF_READINGS
-        for family in (*families, *readings) if self._readings else families:
+        for family in (*families, *OF_READINGS) if self._readings else families:
             for hypothesis in family(rows):
                 d = rows.rough(hypothesis) if family is not scales else self._fell(hypothesis)
                 if self._turns_back(hypothesis):
@@ -293,8 +292,9 @@ def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int])
 
 
 def _distinct(tried: Iterable[Tried]) -> list[Tried]:
-    """Return the best of each kind and joint."""
-    distinct: dict[tuple[str, tuple[int, ...]], Tried] = {}
+    """Return the best of each kind and joint, and each robot."""
+    distinct: dict[tuple[object, ...], Tried] = {}
     for trial in tried:
-        distinct.setdefault((trial.hypothesis.code, trial.hypothesis.joints), trial)
+        own = trial.hypothesis
+        distinct.setdefault((own.code, own.joints, own.facts.get("robot")), trial)
     return list(distinct.values())

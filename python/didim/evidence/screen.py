@@ -90,6 +90,11 @@ class Screen:
         if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
             w += self._correction
         w[:, :, places] = np.where(even, exact, np.where(odd, -exact, w[:, :, places]))
+        # A joint that keeps its own position keeps the reversals, whatever smooths them; a column has any scale.
+        alone = (scale != 0.0) & (np.count_nonzero(position, axis=1) == 1)
+        w[np.ix_(alone, np.ones(w.shape[1], bool), places)] = (
+            np.sign(scale[alone])[:, None, None] * exact[alone]
+        )
         return w
 
 

@@ -12,42 +12,35 @@ import math
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._tools.files import check_output, write_atomically
 from .._tools.keys import declared
 from .._tools.toml import Table, quoted
-from .._tools.words import counted, did_you_mean, listing, one_line, series
+from .._tools.words import counted, did_you_mean, listing, one_line, percent_text, series
 from ..errors import DidimError, ExperimentError, RobotError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.units import ESTIMATE
-from ..model.limbs import limbs_of
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
-from .draft_files import Log, assembled
-from .draft_filters import choose_filters, sentence_of
-from .draft_pendulum import gain_lines, payload_lines
-from .draft_source import LogSource, choose_columns, log_names, open_log
+from .draft_files import assembled
+from .draft_filters import MOTOR_BETTER, Filters, choose_filters, error_sentence, motor_ratio, sentence_of
+from .draft_servos import payload_lines, servo_lines
+from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
 from .loop_tables import of_actuators
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
-
-DELAY = (
-    "# What else is unknown of the drives: kp, kv, saturation, lag_s, bias_rad; each with start, min, max, sigma, shared.",
-    "[unknown]",
-    "delay_s = { max = 0.025, shared = true }",
-)
-"""Lines that declare the unknowns of servos: all motors on one bus share one delay."""
 
 
 def initialise(  # many parameters: one per option of `didim init`
@@ -125,6 +118,9 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
+    if own_file:  # a robot file of ours has no actuators, so the experiment file has their gains
+        of_robot = {key: gain for key, gain in of_actuators(model).items() if key != "saturation"}
+        model, servo = replace(model, actuators=()), {**of_robot, **(servo or {})}
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)
@@ -140,9 +136,21 @@ def initialise(  # many parameters: one per option of `didim init`
         open_log(log, beside, model, values_per_sample=values_per_sample, topic=topic, alone=alone)
         for log in paths
     ]
+    whole = whole_samples(sources, model)
+    sources = [
+        open_log(source.path, beside, model, values_per_sample=whole[source.path], alone=False)
+        if source.path in whole
+        else source
+        for source in sources
+    ]
     for kind, text in (columns or {}).items():
         choose_columns(sources, kind, text)
     draft = Draft(notes=model.notes)
+    if whole:
+        names = series(path.name for path in whole)
+        draft.read.append(
+            f"{names}: one value a line, taken for {counted(model.n_dof, 'value')} a sample (--values-per-sample)"
+        )
     tables = _tables(model, sources, options, path, draft)
     name = (paths[0] if alone else path).stem
     head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name)
@@ -162,16 +170,77 @@ def _tables(
     """Return the lines of the recordings, the transmission and the filters; assumptions and questions go to the draft."""
     recorded, assumptions = assembled(sources, robot)
     draft.read += assumptions
-    writers = [
-        RecordingWriter(robot, source, name, file.name, options, draft) for source, name, file in recorded
-    ]
     logs = [source for source, _, _ in recorded]
-    lines = [*payload_lines(logs), *(line for writer in writers for line in writer.lines())]
-    lines += _transmission(robot, draft) if any(writer.motors for writer in writers) else []
-    if all(writer.positions_only for writer in writers):
-        return [*lines, *_servos(robot, logs, options, draft)]
-    recordings, in_torque = _recordings("\n".join(lines), robot, path)
-    return [*lines, *_signal(robot, recordings, in_torque, draft)]
+
+    def written(options: DraftOptions) -> _Written:
+        own = Draft()
+        writers = [
+            RecordingWriter(robot, source, name, file.name, options, own) for source, name, file in recorded
+        ]
+        lines = [*payload_lines(logs), *(line for writer in writers for line in writer.lines())]
+        if any(writer.motors for writer in writers):
+            lines += _transmission(robot, options.ratio, own)
+        if all(writer.positions_only for writer in writers):
+            return _Written(lines, writers, own)
+        recordings, in_torque = _recordings("\n".join(lines), robot, path)
+        filters = choose_filters(robot, recordings, comparable=in_torque) if recordings else None
+        return _Written(lines, writers, own, recordings, filters)
+
+    chosen = written(options)
+    chosen = _motors_or_degrees(robot, chosen, options, written)
+    draft.read += chosen.draft.read
+    draft.questions += chosen.draft.questions
+    if all(writer.positions_only for writer in chosen.writers):
+        return [*chosen.lines, *servo_lines(robot, logs, options.servo, draft.read)]
+    return [*chosen.lines, *_signal(chosen.filters, draft, path.name)]
+
+
+class _Written(NamedTuple):
+    """Lines of the recordings, what was written beside them, and the filters of the log, if nothing is open."""
+
+    lines: list[str]
+    writers: list[RecordingWriter]
+    draft: Draft
+    recordings: Sequence[Recording] = ()
+    filters: Filters | None = None
+
+
+def _motors_or_degrees(
+    robot: Robot, degrees: _Written, options: DraftOptions, written: Callable[[DraftOptions], _Written]
+) -> _Written:
+    """Return the reading of positions that are too large for joints in radians: motors before degrees, if the torques say so.
+
+    The gears are those of the robot file; without them, one ratio is sought for all joints.
+    """
+    tables = {table for writer in degrees.writers for table in writer.guessed} - options.sides.keys()
+    before = None if degrees.filters is None else degrees.filters.error
+    if "position" not in tables or before is None:
+        return degrees
+    motors = dict.fromkeys(tables, "motor")
+    as_degrees = f"in degrees the relative error is {percent_text(100.0 * before)} %"
+    if robot.reduction is not None:
+        sides = [options.sides[key] for key in ("torque",) if key in options.sides] or ["motor", "joint"]
+        for side in sides:
+            motor = written(replace(options, sides={**options.sides, **motors, "torque": side}))
+            error = None if motor.filters is None else motor.filters.error
+            if error is not None and error < MOTOR_BETTER * before:
+                motor.draft.read.append(f"positions are those of the motors: {as_degrees}")
+                return motor
+    ratio = motor_ratio(robot, degrees.recordings, degrees.filters.signal, before)  # type: ignore[union-attr]
+    if ratio is None:
+        return degrees
+    largest = np.max(
+        [np.abs(log.tau).max(axis=0) for log in degrees.recordings if log.tau is not None], axis=0
+    )
+    efforts = [limits.effort for limits in robot.limits]
+    beyond = any(effort and value * ratio > effort for value, effort in zip(largest, efforts, strict=True))
+    sides_of = {**motors, "torque": "joint" if beyond else "motor", **options.sides}
+    best = written(replace(options, sides=sides_of, ratio=ratio))
+    best.draft.read.append(
+        f"positions are those of motors behind gears of about {ratio:g}, which the torques fit best: {as_degrees}; "
+        "confirm the ratios under [transmission]"
+    )
+    return best
 
 
 def _check_options(robot: Robot, options: DraftOptions) -> None:
@@ -282,8 +351,17 @@ def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str)
     ]
 
 
-def _transmission(robot: Robot, draft: Draft) -> list[str]:
-    """Return commented lines of the gear ratios, if the columns are on the motor side and the robot has no reduction."""
+def _transmission(robot: Robot, ratio: float | None, draft: Draft) -> list[str]:
+    """Return the gear ratios of columns on the motor side, if the robot has none: the `ratio` that was found, or open lines."""
+    head = "Rows are motors, columns joints: q_motor = reduction q."
+    if ratio is not None:
+        gears = json.dumps((ratio * np.eye(robot.n_dof)).tolist())
+        return [
+            "",
+            f"# {head}",
+            "[transmission]",
+            f"reduction = {gears} # confirm: by the torques, one for all",
+        ]
     if robot.reduction is not None:
         return []
     draft.questions.append(
@@ -291,7 +369,7 @@ def _transmission(robot: Robot, draft: Draft) -> list[str]:
     )
     return [
         "",
-        "# What are the gear ratios? Rows are motors, columns joints: q_motor = reduction q.",
+        f"# What are the gear ratios? {head}",
         "# [transmission]",
         f"# reduction = {json.dumps(np.eye(robot.n_dof, dtype=int).tolist())}",
     ]
@@ -315,57 +393,9 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     return recordings, closed == text and all(recording.tau is not None for recording in recordings)
 
 
-def _servos(robot: Robot, logs: Sequence[Log], options: DraftOptions, draft: Draft) -> list[str]:
-    """Return the lines of a fit on positions: fixed links, held commands, the law of the servos, and an unknown delay."""
-    limbs = [limb for limb in limbs_of(robot) if len(limb.joints) < robot.n_dof]
-    if limbs:
-        names = series(f"{limb.name} ({counted(len(limb.joints), 'joint')})" for limb in limbs)
-        draft.read.append(f"{counted(len(limbs), 'limb')}, each a problem of its own: {names}")
-    draft.read.append(
-        "no torques: drives and friction are fitted on positions, links held at the values of the robot file"
-    )
-    lines = [
-        "",
-        "# Masses and inertias are those of the robot file; rotor inertias, friction and offsets are identified.",
-        "[parameters]",
-        'links = "fixed"',
-        "",
-        "[reference]",
-        'kind = "recorded"',
-        'between_samples = "held" # confirm: commands jump from sample to sample',
-        "",
-        "# tau = kp (command - q) - kv dq, up to the limit",
-        "[controller]",
-        'kind = "pd"',
-    ]
-    of_logs = gain_lines(robot, logs, options.servo)
-    for key in ("kp", "kv"):
-        values = ", ".join(f"{value:.9g}" for value in options.servo.get(key, ()))
-        if key == "kp" and of_logs is not None:
-            lines.append(of_logs[0])
-        elif values:
-            lines.append(f"{key} = [{values}]" if "," in values else f"{key} = {values}")
-        else:
-            lines.append(f"# {key}: those of the actuators of the robot file")
-    lines.append("reference_velocity = 0.0")
-    return [*lines, *_limits(robot), "", *DELAY, *(of_logs or ())[1:]]
-
-
-def _limits(robot: Robot) -> list[str]:
-    """Return the line of the servos' largest torques, if actuators or joints have them."""
-    if "saturation" in of_actuators(robot):
-        return ["# saturation: that of the actuators of the robot file"]
-    efforts = [limits.effort for limits in robot.limits]
-    if any(effort is None for effort in efforts):
-        return ["# saturation_n_m = 3.0 # largest torque of a servo, where the log reaches it"]
-    return [
-        f"saturation_n_m = [{', '.join(f'{effort:.9g}' for effort in efforts)}] # confirm: limits of the robot file"
-    ]
-
-
-def _signal(robot: Robot, recordings: Sequence[Recording], in_torque: bool, draft: Draft) -> list[str]:
+def _signal(filters: Filters | None, draft: Draft, name: str) -> list[str]:
     head = ["", "# Filters: positions without delay, then torques and model down to the band of the motion."]
-    if not recordings:
+    if filters is None:
         return [
             *head,
             "# What is open above keeps them from being chosen: `didim init` with the answers does it.",
@@ -373,8 +403,9 @@ def _signal(robot: Robot, recordings: Sequence[Recording], in_torque: bool, draf
             "# cutoff_hz = 40",
             "# decimation = [10]",
         ]
-    filters = choose_filters(robot, recordings, comparable=in_torque)
     draft.read.append(sentence_of(filters))
+    if filters.error is not None:
+        draft.read.append(error_sentence(filters.error, name))
     return [
         *head,
         f"# {filters.reason[0].upper()}{filters.reason[1:]}.",

@@ -18,7 +18,7 @@ WORDS = {
     "torque": ("tau", "torque", "torques", "trq", "effort", "efforts", "force", "moment", "gamma"),
     "current": ("i", "iq", "current", "currents", "cur", "amp", "amps"),
     "voltage": ("u", "v", "vir", "voltage", "voltages", "volt", "volts"),
-    "position": ("q", "qm", "pos", "position", "positions", "angle", "angles", "theta", "enc", "encoder"),
+    "position": ("q", "qm", "pos", "position", "positions", "ang", "angle", "angles", "theta", "enc", "encoder"),
 }  # fmt: skip
 """Keywords of column names for each kind of signal. The first kind with a matching keyword is taken."""
 

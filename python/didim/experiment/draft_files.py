@@ -165,22 +165,25 @@ def _complete(group: Sequence[LogSource], robot: Robot) -> bool:
 
 
 def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
-    """Whether no two files have the same signal, apart from time stamps; one-column files may."""
+    """Whether no two files have the same signal, apart from time stamps; one-column files may.
+
+    Of the files whose kind no name gives, those with a column per joint may be what is missing; others are not used.
+    """
     seen: set[tuple[str, int | None]] = set()
-    blank = 0
     for source in group:
         signals = [column for column in source.columns if column.what != "time"]
         kinds = [kind for kind in _kinds(signals) if kind in SIGNALS]
-        if signals and not kinds:
-            if len(signals) != robot.n_dof:
-                return False
-            blank += 1
         own_kinds = {(kind, signals[0].number if len(signals) == 1 else None) for kind in kinds}
         if own_kinds & seen:
             return False
         seen |= own_kinds
-    # If no name gives a kind, positions and torques are distinguished by their values.
-    return blank == 0 or (blank == len([s for s in group if any(i.what != "time" for i in s.columns)]) >= 2)
+    return bool(seen) or sum(_blank(source.columns, robot) for source in group) >= 2
+
+
+def _blank(columns: Sequence[Column], robot: Robot) -> bool:
+    """Whether a file has a column per joint, and nothing says of which signal."""
+    signals = [column for column in columns if column.what != "time"]
+    return len(signals) == robot.n_dof and all(column.placed or column.what == "other" for column in signals)
 
 
 def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
@@ -194,23 +197,28 @@ def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
                 "need equal rows; several recordings need positions and torques in each file"
             )
     log = LogFiles(group, columns)
-    if not any(kind in SIGNALS for kind in _kinds(columns)):
-        _by_values(log)
+    _by_values(log, robot)
     _one_time(log)
     return log
 
 
-def _by_values(log: LogFiles) -> None:
-    """Classify positions, velocities and torques by their values, if file names do not."""
-    blocks = [
+def _by_values(log: LogFiles, robot: Robot) -> None:
+    """Classify the files that neither names of columns nor of files give a kind, by their values beside those of the others."""
+    files = [
         [k for k, column in enumerate(log.columns) if column.file == number and column.what != "time"]
         for number in range(len(log.files))
     ]
-    blocks = [block for block in blocks if block]
+    blocks = [block for block in files if len(block) == robot.n_dof]
+    blank = [_blank([log.columns[k] for k in block], robot) for block in blocks]
+    if not any(blank) or len(blocks) < 2:
+        return
+    known = _kinds(log.columns)
     values = [log.values([log.columns[k] for k in block]) for block in blocks]
     stamps = [column for column in log.columns if column.what == "time"]
     t = log.values(stamps[:1])[:, 0] if stamps else np.arange(len(values[0]), dtype=np.float64)
-    for kind, block in zip(kinds_of_blocks(values, t), blocks, strict=True):
+    for kind, block, open_kind in zip(kinds_of_blocks(values, t), blocks, blank, strict=True):
+        if not open_kind or kind in known:
+            continue
         for number, k in enumerate(block):
             log.columns[k] = replace(log.columns[k], what=kind, number=number + 1, placed=False)
 

@@ -2,7 +2,8 @@
 
 The bandwidth is that of the reference, or without one that of the positions, up to the frequency at which their velocity
 disappears in the noise by time stamps and encoder. Three cut-offs around it are then compared by the torques that IDIM-LS
-predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
+predicts for every other block of time. Errors are relative errors of all joints together, as those of a result. Tested in
+``tests/test_init_filters.py``.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from .._tools.words import counted, series
+from .._tools.words import counted, percent_text, series
 from ..errors import DidimError
 from ..log.recording import Recording
+from ..log.units import POSITION, motor_ratios
+from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem, linear_system
 from ..regression.selection import select
+from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.spectrum import contiguous_band, motion_band
-from ..signal.window import windows_of
+from ..signal.window import Window, windows_of
 
 CUTOFF_TIMES = 20.0
 """Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
@@ -43,10 +47,13 @@ chosen."""
 LEAST_COMPARED_SAMPLES = 400
 """Smallest number of samples for a comparison of cut-offs."""
 
+MOTOR_BETTER = 0.5
+"""Share of the relative error in degrees that the motor side must leave, for degrees to be given up: chance leaves 0.9."""
+USUAL_ERROR = 0.2
+"""Relative error up to which a log is as usual: the worst log of an industrial arm has 16 %."""
+
 REST_S = 0.5
 """Shortest rest (s) before or after the motion that is cut off."""
-SHORT = 0.1
-"""Share of the longest stretch of motion below which a stretch before or after it is cut off, as the approach to the start."""
 AT_REST = 0.02
 """Share of the largest speed below which the arm is at rest."""
 
@@ -68,6 +75,8 @@ class Filters:
     signal: SignalProcessing
     reason: str
     errors: tuple[tuple[float, float], ...] = ()
+    error: float | None = None
+    """Relative error of IDIM-LS on the whole log with these filters, that of the result of ``identify``; None where unknown."""
 
 
 def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable: bool) -> Filters:
@@ -112,7 +121,45 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
-    return Filters(signal(cutoff, cutoff), f"{moves}; held-out torque error {left} % at {tried} Hz", errors)
+    reason = f"{moves}; held-out torque error {left} % at {tried} Hz"
+    chosen = signal(cutoff, cutoff)
+    return Filters(chosen, reason, errors, relative_error(robot, recordings, chosen))
+
+
+def motor_ratio(
+    robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing, error: float
+) -> float | None:
+    """Return the gear ratio, common to all joints, that explains positions of motors which are read in degrees.
+
+    None where no ratio leaves less than `MOTOR_BETTER` of the relative error `error` of degrees. A fit scales torques as it likes,
+    so the ratio is that of the sines of gravity and of the coupling between joints.
+    """
+    from scipy.optimize import minimize_scalar
+
+    try:
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
+    except DidimError:
+        return None
+
+    def left(ratio: float) -> float:
+        factor = 1.0 / (POSITION["deg"] * ratio)
+        moved = [
+            replace(part, q=factor * part.q, dq=factor * part.dq, ddq=factor * part.ddq) for part in parts
+        ]
+        found = _relative_error(robot, moved, signal)
+        return math.inf if found is None else found
+
+    grid = motor_ratios()
+    best = int(np.argmin([left(ratio) for ratio in grid]))
+    if not 0 < best < len(grid) - 1:
+        return None
+    bounds = (grid[best - 1], grid[best + 1])
+    optimum = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3 * grid[best]})
+    if not optimum.fun < MOTOR_BETTER * error:
+        return None
+    ratio = float(f"{optimum.x:.3g}")
+    whole = float(round(ratio))
+    return whole if abs(whole - ratio) < 0.01 * ratio else ratio
 
 
 def _row(numbers: Sequence[str]) -> str:
@@ -146,6 +193,25 @@ def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
     return max(motion_band(recording) for recording in recordings), "the motion ends near"
 
 
+def relative_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
+    """Return the relative error of IDIM-LS on recordings, that of its result; None where there is none."""
+    try:
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
+    except DidimError:
+        return None
+    return _relative_error(robot, parts, signal)
+
+
+def _relative_error(robot: Robot, parts: Sequence[Window], signal: SignalProcessing) -> float | None:
+    try:
+        system = linear_system(robot, parts, signal, select(robot, {}, ()))
+        fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # the errors alone are used
+    except DidimError:
+        return None
+    error = system.relative_error(fit.residual)
+    return error if math.isfinite(error) else None
+
+
 def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
     """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None."""
     try:
@@ -158,9 +224,9 @@ def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: Signa
         rows = block.rows.stop - block.rows.start
         held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
     residual = system.y - system.w @ _solution(system, ~held)
-    error, size = (system.norms(np.where(held, values, 0.0)) for values in (residual, system.y))
-    shares = error / np.maximum(size, np.finfo(float).tiny)
-    return float(np.sqrt(np.mean(shares**2))) if np.isfinite(shares).all() else None
+    error, size = (float(np.linalg.norm(values[held])) for values in (residual, system.y))
+    share = error / max(size, np.finfo(float).tiny)
+    return share if math.isfinite(share) else None
 
 
 def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
@@ -181,8 +247,21 @@ def sentence_of(filters: Filters) -> str:
     return f"cut-off {signal.cutoff_hz:g} Hz{stages}, {counted(signal.trim_start, 'sample')} trimmed: {filters.reason}"
 
 
+def error_sentence(error: float, name: str) -> str:
+    """Return the sentence on the relative error that `identify` will print for the experiment file `name`."""
+    text = f"relative error of the fit (idim-ls): {percent_text(100.0 * error)} %"
+    if error <= USUAL_ERROR:
+        return text
+    return (
+        f"{text}, which is not usual: logs of arms that are read rightly leave less than {100.0 * USUAL_ERROR:.0f} %; "
+        f"`didim check {name}` looks for a wrong unit, side, order or robot"
+    )
+
+
 def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:
-    """Return begin and end (s) of the motion, to tenths of a second inside it, or None if the arm rests neither before nor after.
+    """Return begin and end (s) of all motion, to tenths of a second inside it, or None if the arm rests neither before nor after.
+
+    Rests between motions stay: whether a step or a wave follows one, it is part of the log.
 
     Parameters
     ----------
@@ -199,24 +278,13 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
     speed = np.abs(q[span:] - q[:-span])
     scale = speed.max(axis=0)
     moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
-    stretches = _stretches(np.flatnonzero(moving), round(REST_S * rate_hz))
-    if not stretches:
+    places = np.flatnonzero(moving)
+    if not places.size:
         return None
-    start, stop = float(times[stretches[0]]), float(times[min(stretches[1] + span, len(times) - 1)])
+    start, stop = float(times[places[0]]), float(times[min(places[-1] + span, len(times) - 1)])
     before, after = start, float(times[-1]) - stop
     if max(before, after) < REST_S:
         return None
     start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
     stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
     return start, stop
-
-
-def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:
-    """Return first and last sample of the motion, without short stretches separated by a rest at either end."""
-    if not places.size:
-        return None
-    breaks = np.flatnonzero(np.diff(places) > rest)
-    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
-    lengths = stops - starts
-    long = np.flatnonzero(lengths >= SHORT * lengths.max())
-    return int(starts[long[0]]), int(stops[long[-1]])

@@ -202,6 +202,8 @@ def _text(
         return LogSource(text, [read_column(name, robot.joint_names) for name in text.names], keys, log)
     data: DataFile = text
     width = text.n_columns
+    if width == 1 and not alone and read_column(log.stem).what == "time":
+        values_per_sample = None  # one time stamp a sample
     if values_per_sample is not None:
         if not 1 <= values_per_sample <= MOST_COLUMNS:
             raise ExperimentError(
@@ -215,6 +217,26 @@ def _text(
         )
     values = data.get(list(range(1, width + 1)), None, width)
     return LogSource(data, layout(values, robot.n_dof), keys, log, named=False)
+
+
+def whole_samples(sources: Sequence[LogSource], robot: Robot) -> dict[Path, int]:
+    """Return the number of values in each sample of files with one value a line that hold all joints of a signal, by file.
+
+    Such a file is the only one of its signal, and its lines are as many samples of a value per joint as the time stamps have.
+    """
+    lone = [source for source in sources if not source.named and len(source.columns) == 1]
+    kinds = [source.columns[0].what for source in lone]
+    rows = {source.path: len(source.values(source.columns)) for source in lone}
+    stamps = [rows[source.path] for source, kind in zip(lone, kinds, strict=True) if kind == "time"]
+    return {
+        source.path: robot.n_dof
+        for source, kind in zip(lone, kinds, strict=True)
+        if robot.n_dof > 1
+        and kind not in ("time", "other")
+        and kinds.count(kind) == 1
+        and rows[source.path] % robot.n_dof == 0
+        and all(rows[source.path] == robot.n_dof * count for count in stamps)
+    }
 
 
 def _signs(log: Path) -> tuple[str, str | None]:

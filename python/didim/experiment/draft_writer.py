@@ -17,9 +17,9 @@ from ..log.sampling import time_faults
 from ..log.units import ESTIMATE, TIME
 from ..robot.robot import Robot
 from .draft_columns import Column, listed
-from .draft_files import REPEATED, Log
+from .draft_files import EFFORTS, REPEATED, Log
 from .draft_filters import moving_window
-from .draft_pendulum import recording_lines
+from .draft_servos import recording_lines
 from .loop_tables import of_actuators
 
 TWO_TURNS = 4.0 * math.pi
@@ -69,6 +69,8 @@ class DraftOptions:
     gains: Sequence[float] | str = ()
     sides: Mapping[str, str] = field(default_factory=dict)
     servo: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    ratio: float | None = None
+    """Gear ratio of all joints that the torques fit best, if the columns are of motors and the robot has no reduction."""
 
 
 class RecordingWriter:
@@ -103,6 +105,9 @@ class RecordingWriter:
         self.rate, self.gains, self.sides = options.rate_hz, options.gains, options.sides
         self.servo = {"kp", "kv"} <= {*options.servo, *of_actuators(robot)}
         self.draft = draft
+        self.guessed: set[str] = set()
+        """Tables of positions that were taken for degrees by their range."""
+        self.asked: set[str] = set()
         self.position = self._group("position")
         self.torque = self._group("torque") or self._group("current") or self._group("voltage")
         self.reference = self._group("reference")
@@ -174,6 +179,7 @@ class RecordingWriter:
             elif kind == "velocity":  # only as commented lines
                 return []
             else:
+                self.asked.add(kind)
                 names = brief("; ".join(listed(group) for group in whole), 90)
                 self._ask(
                     f"several groups of columns may be the {kind}s ({names}): choose one with --columns {kind}=..."
@@ -273,9 +279,7 @@ class RecordingWriter:
         self._tell(
             f"the arm moves from {start:g} s to {stop:g} s; the samples before and after are left out (windows_s)"
         )
-        return [
-            f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"
-        ]
+        return [f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests"]
 
     def _missing(self, table: str) -> list[str]:
         """Return commented lines of a table whose columns are unknown, and ask for them."""
@@ -284,6 +288,8 @@ class RecordingWriter:
         torque = table == "torque"
         option = f"--columns {table}=...{' (or current)' if torque else ''}, "
         blocks = self._open_blocks() or self._other_count(table)
+        if not self.source.named and len(self.source.columns) == 1:
+            blocks = "; if the file has the values of all joints line by line, --values-per-sample says how many make a sample"
         if self.source.joints:
             known = series(self.source.joints, 60)
             self._ask(
@@ -297,7 +303,8 @@ class RecordingWriter:
             also = "; or give --kp and --kv of servos (fit on positions)" if servos else blocks
             question = f"which columns hold the {table}s of the {counted(n, 'joint')}"
             answer = f"Give {option}or fill in [recording.{table}]"
-            self._ask(f"{question}? {answer}{also}" if servos else f"{question}{also}? {answer}")
+            if not self.asked & {table, *(EFFORTS if torque else ())}:  # one question on a signal is enough
+                self._ask(f"{question}? {answer}{also}" if servos else f"{question}{also}? {answer}")
         return [
             f"# [recording.{table}] # which {counted(n, 'column')} hold the {table}s? There are {names[1:-1]}",
             *(f"# {line}" for line in self.source.keys),
@@ -308,7 +315,7 @@ class RecordingWriter:
 
     def _other_count(self, wanted: str) -> str:
         """Return the part of the question on a signal with a different number of joints."""
-        kinds = ("torque", "current", "voltage") if wanted == "torque" else (wanted,)
+        kinds = EFFORTS if wanted == "torque" else (wanted,)
         for kind in kinds:
             there = [column for column in self.source.columns if column.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
@@ -372,6 +379,7 @@ class RecordingWriter:
             units.append(known)
         # All revolute joints of a log have one unit.
         if not sure and "deg" in units:
+            self.guessed.add(table)
             units = ["deg" if unit == "rad" else unit for unit in units]
         ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
         self._tell(f"{table} {listed(columns)} in {brief('/'.join(dict.fromkeys(units)), 30)}")

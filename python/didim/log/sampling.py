@@ -23,6 +23,9 @@ MINIMUM_SAMPLES = 3
 """Smallest number of samples of a log: central differences need three. Filters need more and raise their own error."""
 STEP_TOLERANCE = 0.01
 """Largest deviation of a time step from the sampling period, as a share of the period."""
+LATE_TOLERANCE, LATE_SHARE = 0.05, 0.01
+"""Largest deviation of single time steps, as a share of the period, and the share of the steps that may have it: a stamp that is
+written late moves its sample by a twentieth of a step, and such steps together change the rate by less than `RATE_TOLERANCE`."""
 RATE_TOLERANCE = 1e-3
 """Largest relative difference between a declared sampling rate and that of the time stamps."""
 
@@ -73,8 +76,8 @@ def check_time(t: Array, rate_hz: float | None, file: str) -> float:
     Raises
     ------
     RecordingError
-        When a step differs by more than 1 % from the median step, which names the row and how many samples
-        are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
+        When a step differs by more than 1 % from the median step (single ones by more than 5 %), which names the row and how
+        many samples are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
     """
     for fault in time_faults(t, rate_hz, file):
         raise RecordingError(fault.sentence)
@@ -95,7 +98,10 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
             rate_hz=1.0 / period if period > 0.0 else float("nan"),
         )
         return
-    uneven = np.abs(steps - period) > STEP_TOLERANCE * period
+    apart = np.abs(steps - period)
+    uneven = apart > STEP_TOLERANCE * period
+    if np.mean(uneven) <= LATE_SHARE:
+        uneven = apart > LATE_TOLERANCE * period
     # Samples that are missing count, so jitter, whose median step is not its mean, does not change the rate.
     finite = steps[np.isfinite(steps)]
     measured = float(np.rint(finite / period).sum() / finite.sum())

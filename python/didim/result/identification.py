@@ -15,7 +15,7 @@ import numpy as np
 from .._tools.arrays import Array, quotient, relative_percent
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, save_json
-from .._tools.words import counted
+from .._tools.words import counted, percent_text
 from ..errors import FitError
 from ..regression.selection import Role
 from ..robot.parameter_file import write_parameters
@@ -35,7 +35,6 @@ from .table import (
     limb_headings,
     parameter_lines,
     parameter_rows,
-    percent_text,
     table_lines,
 )
 from .uncertainty import Uncertainty, student_factor

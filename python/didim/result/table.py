@@ -14,7 +14,7 @@ import numpy as np
 
 from .._tools.arrays import Array, relative_percent
 from .._tools.saved import rows
-from .._tools.words import counted
+from .._tools.words import counted, percent_text
 from ..robot.placement import limbs
 
 WELL_IDENTIFIED_PERCENT = 20.0
@@ -260,14 +260,6 @@ def _sigma_percent(percent: float) -> str:
     if percent < 10.0:
         return _number(percent, _decimal_places(percent) if percent > 0.0 else 4)
     return f"{percent:.{1 if percent < 99.95 else 0}f}"
-
-
-def percent_text(percent: float) -> str:
-    """Return a percentage, with fewer decimals the larger it is."""
-    if not math.isfinite(percent):
-        return "-"
-    size = abs(percent)
-    return f"{percent:.{4 if size < 10.0 else 2 if size < 100.0 else 0}f}"
 
 
 def _left(cells: Sequence[str]) -> list[str]:

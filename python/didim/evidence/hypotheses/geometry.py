@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.robot import Robot
+from ...robot.robot_file import packaged_robots
 from ..rows import LogRows
 from .hypothesis import Hypothesis, best_factor
 
@@ -21,6 +23,28 @@ GRAVITY = 9.81
 def with_geometry(robot: Robot, **changes: object) -> Robot:
     """Return a robot with other rows or gravity, without the frames of its file."""
     return replace(robot, geometry=replace(robot.geometry, **changes), correspondence=None, _named={})  # type: ignore[arg-type]
+
+
+def other_robots(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return the geometry of each included robot with the same kinds of joints, mounted as its file says or as declared."""
+    declared = rows.robot.geometry
+    if declared.mounts or rows.known is not None:  # known parameters are those of the declared rows
+        return
+    for name, included in _included().items():
+        other = included.geometry
+        table = {key: getattr(other, key) for key in ("alpha", "d", "theta", "r")}
+        if name == rows.robot.name or other.kinds != declared.kinds or other.mounts:
+            continue
+        if all(getattr(declared, key) == values for key, values in table.items()):
+            continue
+        for gravity in dict.fromkeys((other.gravity, declared.gravity)):
+            robot = with_geometry(rows.robot, **table, gravity=gravity)
+            yield Hypothesis(
+                code="another-robot", robot=robot, facts={"robot": name, "declared": rows.robot.name}
+            )
+
+
+_included = lru_cache(packaged_robots)
 
 
 def gravities(rows: LogRows) -> Iterator[Hypothesis]:

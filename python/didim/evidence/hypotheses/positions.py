@@ -8,9 +8,14 @@ from itertools import combinations
 
 import numpy as np
 
+from ...log.units import POSITION, motor_ratios
 from ..rows import LogRows
+from ..thresholds import SCREEN
 from .hypothesis import Hypothesis, best_factor, diagonal
 from .torques import SMALLEST
+
+DEGREE = POSITION["deg"]
+"""Radians of a degree."""
 
 
 def positions(rows: LogRows) -> Iterator[Hypothesis]:
@@ -32,14 +37,17 @@ def exchanged(rows: LogRows) -> Iterator[Hypothesis]:
         yield Hypothesis(code="swapped-joints", joints=joints, position=swap, order=tuple(order))
 
 
-def reversed_positions(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return all positions from the last joint to the first, with and without their torques."""
-    if rows.n > 2:
-        order = tuple(range(rows.n))[::-1]
-        turned = np.eye(rows.n)[list(order)]
-        yield Hypothesis(code="reversed-joints", position=turned, facts={"keys": ["position"]})
+def reversals(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return hypotheses of columns that begin with the last joint: positions, torques, or both."""
+    if rows.n < 3:  # two joints are an exchange
+        return
+    order = tuple(range(rows.n))[::-1]
+    for keys in (("position", "torque"), ("position",), ("torque",)):
         yield Hypothesis(
-            code="reversed-joints", position=turned, order=order, facts={"keys": ["position", "torque"]}
+            code="reversed-order",
+            position=np.eye(rows.n)[list(order)] if "position" in keys else None,
+            order=order if "torque" in keys else None,
+            facts={"keys": list(keys)},
         )
 
 
@@ -82,13 +90,19 @@ def _rate(factor: float) -> Hypothesis:
     return Hypothesis(code="rate", rate=factor, value=factor)
 
 
-def units(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return positions in degrees for radians, in millimetres for metres, and the other way round."""
+def _unit(rows: LogRows) -> set[str | None]:
     unit = rows.origin.get("position", {}).get("unit")
-    declared = set(unit if isinstance(unit, list) else [unit])
+    return set(unit if isinstance(unit, list) else [unit])
+
+
+def units(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return positions in degrees or mrad for radians, in millimetres for metres, and the other way round."""
+    declared = _unit(rows)
     for kind, own, other, factor in (
         ("revolute", "rad", "deg", np.pi / 180.0),
         ("revolute", "deg", "rad", 180.0 / np.pi),
+        ("revolute", "rad", "mrad", 1e-3),
+        ("revolute", "deg", "mrad", 1e-3 * 180.0 / np.pi),
         ("prismatic", "m", "mm", 1e-3),
         ("prismatic", "mm", "m", 1e3),
     ):
@@ -103,22 +117,53 @@ def units(rows: LogRows) -> Iterator[Hypothesis]:
 
 
 def sides(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return values of motors that are declared as those of joints, and the other way round."""
+    """Return values of motors that are declared as those of joints, and the other way round.
+
+    Degrees of joints may be radians of motors as well. Gears that no file declares are sought as one ratio for all joints.
+    """
+    side = {key: rows.origin.get(key, {}).get("side", "joint") for key in ("position", "torque")}
     reduction = rows.origin.get("reduction", rows.robot.reduction)
     r = np.eye(rows.n) if reduction is None else np.array(reduction)
+    in_degrees = _unit(rows) == {"deg"} and side["position"] == "joint"
+    if side["position"] == "joint" and rows.n > 1 and set(rows.robot.joint_kinds) == {"revolute"}:
+        yield from _geared(rows, DEGREE if in_degrees else 1.0)
     if np.array_equal(r, np.eye(rows.n)):
         return
-    side = {key: rows.origin.get(key, {}).get("side", "joint") for key in ("position", "torque")}
     position = np.asarray(np.linalg.inv(r) if side["position"] == "joint" else r, dtype=np.float64)
     torque = np.asarray(np.linalg.inv(r.T) if side["torque"] == "joint" else r.T, dtype=np.float64)
-    for keys in (("position", "torque"), ("position",), ("torque",)):
-        yield Hypothesis(
+    for factor, unit in ((1.0, None), (1.0 / DEGREE, "rad"))[: 1 + in_degrees]:
+        for keys in (("position", "torque"), ("position",), ("torque",))[: 3 if unit is None else 2]:
+            yield Hypothesis(
+                code="side",
+                position=factor * position if "position" in keys else None,
+                torque=torque if "torque" in keys else None,
+                facts={
+                    "keys": list(keys),
+                    "declared": side[keys[0]],
+                    "side": "motor" if side[keys[0]] == "joint" else "joint",
+                    **({} if unit is None else {"unit": unit}),
+                },
+            )
+
+
+def _geared(rows: LogRows, factor: float) -> Iterator[Hypothesis]:
+    """Return positions of motors in radians behind gears of the ratio that fits best.
+
+    `factor` turns logged values into declared ones. Torques are as good at any scale, so they are left alone.
+    """
+
+    def geared(ratio: float) -> Hypothesis:
+        return Hypothesis(
             code="side",
-            position=position if "position" in keys else None,
-            torque=torque if "torque" in keys else None,
-            facts={
-                "keys": list(keys),
-                "declared": side[keys[0]],
-                "side": "motor" if side[keys[0]] == "joint" else "joint",
-            },
+            position=np.eye(rows.n) / (ratio * factor),
+            facts={"keys": ["position"], "declared": "joint", "side": "motor", "ratio": ratio},
         )
+
+    tried = motor_ratios()
+    rough = [rows.rough(geared(ratio)) for ratio in tried]
+    if min(rough) > SCREEN:
+        return
+    start = tried[int(np.argmin(rough))]
+    best, _ = best_factor(lambda f: rows.seen(geared(f * start)), (0.9, 0.95, 1.0, 1.05, 1.1), promising=2.0)
+    if abs(np.log(best * start * DEGREE)) > SMALLEST:  # degrees are a unit
+        yield geared(float(f"{best * start:.3g}"))
