@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from didim.signal.window import Window
 from numpy.typing import NDArray
 
 import didim
@@ -25,6 +24,7 @@ from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
 from didim.robot.robot import JointLimits
+from didim.signal.window import Window
 from didim.studies.simulated_log import PACKAGED, measured, packaged_experiment, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
