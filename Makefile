@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-slow test-tools test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -21,6 +21,7 @@ help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests but for the slow ones (the Rust tests are: cargo test --release)"
 	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
+	@echo "make test-pages  pages in a real browser (Debian's chromium), screenshots in out/pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
@@ -55,13 +56,16 @@ demo: $(VENV)/.built
 	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow and not tools'
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow and not tools and not pages'
 
 test-slow: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -m tools
+	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
+
+test-pages: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-docs $(VENV)/.group-pages
+	$(BIN)/python -m pytest -n auto --dist loadgroup -m pages
 
 # One combination after the other; what this processor cannot run is skipped with a sentence.
 test-machines: $(VENV)/.built $(VENV)/.group-test

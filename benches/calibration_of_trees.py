@@ -31,8 +31,7 @@ from didim.studies.simulated_log import measured, simulated_log
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from simulated import closed_loop_log
 from test_couplings import gripper
-from test_trees import legs
-from urdfs import inertial_text, joint_text
+from urdfs import inertial_text, joint_text, legs
 
 Array = NDArray[np.float64]
 DOCS = Path(__file__).resolve().parents[1] / "docs"

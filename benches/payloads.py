@@ -31,7 +31,7 @@ from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
 from didim.robot.robot import Robot
 from didim.signal.processing import SignalProcessing
-from didim.signal.segments import Segment
+from didim.signal.window import Window
 from didim.studies.loads.payload import identify_payload
 from didim.studies.loads.residual import residual_torques
 
@@ -91,7 +91,7 @@ def two_logs(
         item = Recording.from_arrays(q, tau, rate_hz=40.0, name=payload)
         recordings.append(replace(item, payload=payload, drives=tuple(map(tuple, drives.tolist()))))
         parts.append(
-            Segment(name=payload, place=payload, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number)
+            Window(name=payload, place=payload, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number)
         )
     parameters = LogParameters.of(robot, recordings, {"load": Payload(name="load", mass_kg=3.0)})
     system = linear_system(robot, parts, SIGNAL, parameters.select({}, ()), logs=parameters)
@@ -269,7 +269,7 @@ def logs(options: argparse.Namespace) -> None:
         item = Recording.from_arrays(q, tau, rate_hz=40.0, name=f"log {number + 1}")
         items.append(replace(item, payload="load" if number in (1, 2) else "none", own=("offsets",)))
         parts.append(
-            Segment(
+            Window(
                 name=item.name, place=item.name, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number
             )
         )

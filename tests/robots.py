@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from didim.robot.friction import Friction
+from didim.robot.friction import Friction, FrictionTerm, Law
 from didim.robot.robot import Geometry, JointLimits, Robot
 
 Array = NDArray[np.float64]
@@ -46,13 +46,34 @@ angles = st.one_of(
 )
 # Likewise: a gravity of 1e-9 m/s^2 tells mass and rotor apart, or not.
 gravities = st.floats(-10.0, 10.0).filter(lambda g: g == 0.0 or abs(g) > 0.01)
+# Every second one along an axis, so that slides of right angles are along it.
+directions = st.one_of(
+    st.tuples(*[gravities] * 3),
+    st.sampled_from([(0.0, 0.0, -9.81), (0.0, -9.81, 0.0), (9.81, 0.0, 0.0)]),
+)
 lengths = st.one_of(st.just(0.0), st.floats(0.01, 1.0))
 
 
+SLOW = 0.3
+"""Velocity of the laws that have one (rad/s or m/s), and displacement of memory (rad or m)."""
+
+
 @st.composite
-def robots(draw: st.DrawFn, largest: int = 9, coupled: bool = True) -> Robot:
-    """Serial robots of 1 to `largest` joints of both kinds, with any friction model."""
-    n = draw(st.integers(1, largest))
+def robots(
+    draw: st.DrawFn,
+    largest: int = 9,
+    coupled: bool = True,
+    *,
+    smallest: int = 1,
+    terms: bool = False,
+    shapes: tuple[str, ...] = (),
+) -> Robot:
+    """Serial robots of joints of both kinds, or of `shapes` as "PRR", with any friction model, and any `terms`."""
+    n = draw(st.integers(smallest, largest))
+    kinds = tuple(draw(st.sampled_from(["revolute", "prismatic"])) for _ in range(n))
+    if shapes:
+        kinds = tuple("prismatic" if kind == "P" else "revolute" for kind in draw(st.sampled_from(shapes)))
+        n = len(kinds)
     rows = [tuple(draw(s) for s in (angles, lengths, angles, lengths)) for _ in range(n)]
     coupling = np.eye(n)
     if coupled and n > 1 and draw(st.booleans()):
@@ -60,22 +81,33 @@ def robots(draw: st.DrawFn, largest: int = 9, coupled: bool = True) -> Robot:
         coupling[motor, draw(st.integers(0, motor - 1))] = draw(st.sampled_from([1.0, -1.0, 0.5]))
     alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
     geometry = Geometry(
-        kinds=tuple(draw(st.sampled_from(["revolute", "prismatic"])) for _ in range(n)),
+        kinds=kinds,
         alpha=alpha,
         d=d,
         theta=theta,
         r=r,
-        gravity=tuple(draw(st.tuples(*[gravities] * 3))),
+        gravity=draw(directions),
         coupling=tuple(tuple(row) for row in coupling.tolist()),
     )
     coulomb = draw(st.sampled_from(["sign", "tanh"]))
+    model = draw(st.sampled_from(["symmetric", "asymmetric"]))
+    zone = draw(st.sampled_from([0.0, 0.001, 0.01, 0.1]))
+    laws: list[Law] = ["atan", "stribeck", "root", "load", "hold", "dahl"]
+    laws += ["forward"] if model == "symmetric" else []
+    laws += ["rest"] if zone > 0.0 else []
+    chosen = [draw(st.sets(st.sampled_from(laws), max_size=3)) if terms else set() for _ in range(n)]
     return make_robot(
         geometry,
-        model=draw(st.sampled_from(["symmetric", "asymmetric"])),
+        model=model,
         coulomb=coulomb,
         coupling=draw(st.sampled_from(["shaft", "printed"])),
-        smoothing=(0.05,) * n if coulomb == "tanh" else (0.0,) * n,
-        dead_zone=(draw(st.sampled_from([0.0, 0.1])),) * n,
+        smoothing=(draw(st.sampled_from([0.002, 0.05])),) * n if coulomb == "tanh" else (0.0,) * n,
+        dead_zone=(zone,) * n,
+        terms=tuple(
+            FrictionTerm(law=law, joint=joint, velocity=SLOW if law in ("atan", "stribeck", "dahl") else 0.0)
+            for joint, own in enumerate(chosen)
+            for law in sorted(own)
+        ),
     )
 
 
@@ -92,6 +124,18 @@ def random_motion(rng: np.random.Generator, samples: int, n_dof: int) -> Motion:
     """Return states within a turn and a few units per second."""
     shape = (samples, n_dof)
     return Motion(rng.uniform(-3, 3, shape), rng.uniform(-2, 2, shape), rng.uniform(-5, 5, shape))
+
+
+def slow_motion(rng: np.random.Generator, samples: int, robot: Robot) -> Motion:
+    """Return such states of which each joint has a third where its friction turns: half of these are inside its dead zone."""
+    motion = random_motion(rng, samples, robot.n_dof)
+    friction = robot.friction
+    for pace in (friction.dead_zone, friction.smoothing):
+        slow = rng.random(motion.dq.shape) < 1.0 / 3.0
+        motion.dq[slow & (np.array(pace) > 0.0)] *= max(pace)
+    # A sign that is kept has none before the first motion.
+    motion.dq[0] = 1.0
+    return motion
 
 
 def random_parameters(rng: np.random.Generator, robot: Robot, *, drive: bool = True) -> Array:

@@ -25,7 +25,7 @@ from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
 from didim.robot.robot import JointLimits
-from didim.signal.segments import Segment
+from didim.signal.window import Window
 from didim.studies.simulated_log import PACKAGED, measured, packaged_experiment, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
@@ -577,9 +577,9 @@ def backwards(log: Log, *keys: str) -> Log:
 def test_columns_that_begin_with_the_last_joint(
     short_tx40: Log, tmp_path: Path, keys: tuple[str, ...]
 ) -> None:
-    item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-order")
+    item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-joints")
     words = " and ".join({"q": "positions", "tau": "torques"}[key] for key in keys)
-    assert item.sentence.startswith(f"the columns of the {words} look reversed, the last joint first")
+    assert item.sentence.startswith(f"the {words} look reversed, last joint first")
     for key, table in (("q", "[recording.position]"), ("tau", "[recording.torque]")):
         assert (table in item.advice) == (key in keys)
 
@@ -659,10 +659,10 @@ def test_limits_of_many_joints_are_one_line() -> None:
     t = np.arange(400) / 1000.0
     q = np.sin(2.0 * t)[:, None] * np.ones(n)
 
-    def part(joints: int) -> Segment:
+    def part(joints: int) -> Window:
         mask = np.arange(n) < joints
         values: dict[str, Any] = {"q": 2.0 * q * mask, "dq": 3.0 * q * mask, "ddq": q, "tau": 4.0 * q * mask}
-        return Segment(name="log", place="log", rate_hz=1000.0, **values)
+        return Window(name="log", place="log", rate_hz=1000.0, **values)
 
     for joints, lines in ((0, 0), (1, 3), (2, 6), (3, 3), (6, 3)):
         found = check_limits(replace(log, robot=robot), [part(joints)])

@@ -162,7 +162,7 @@ def test_the_prior_of_rotors_does_not_grow_with_the_recordings() -> None:
     """Each recording repeats the conditions on the rates, and only the robot's own have the weight of the prior."""
     smoothing = tuple(ROBOT.with_smoothing([0.01] * 6).friction.smoothing)
     problem = replace(
-        problem_of(("friction",), Simulability(1e-4, 1.5, (0.0,) * 6, smoothing)), gamma=100 * FRICTION_WEIGHT
+        problem_of(("friction",), Simulability(1e-4, 1.5, (0.0,) * 6, smoothing)), gamma=10 * FRICTION_WEIGHT
     )
     rotors = [condition for condition in problem.conditions if condition.label.startswith("Ia")]
     own, repeated = (

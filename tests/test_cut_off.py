@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import didim
 from didim.experiment.experiment import Experiment
 from didim.methods.identify import identify
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.regression.selection import select
-from didim.signal.segments import segments
 from didim.studies.simulated_log import measured
 from planted import tx40_exact
 
@@ -40,7 +40,7 @@ def filtered(log: Experiment, cutoff_hz: float) -> Experiment:
 
 def system(log: Experiment, cutoff_hz: float) -> LinearSystem:
     experiment = filtered(log, cutoff_hz)
-    parts = segments(experiment.recordings[0], experiment.signal)
+    parts = didim.windows(experiment)
     return linear_system(experiment.robot, parts, experiment.signal, select(experiment.robot, {}, ()))
 
 

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+import simulated
 from arm import arm_log
 from didim import DIDIM, IDIMLS, Experiment, identify
 from didim.errors import FitError
@@ -19,14 +20,18 @@ from didim.evidence import causes
 from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.hypotheses.positions import units
 from didim.evidence.hypotheses.table import OF_TORQUES
+from didim.evidence.lasting import delay_findings
 from didim.evidence.naming import cause_findings, torque_findings
+from didim.evidence.products import BLOCKS
 from didim.evidence.rows import LogRows
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.result.finding import Finding
 from didim.robot.payload import Payload
+from didim.signal.filters import differentiate
 from didim.studies.simulated_log import measured
-from plain import plain_didim
+from plain import plain_didim, stub
 from planted import tx40_exact, with_torques
 from several import DISC, arm_logs
 from simulated import experiment as of_recordings
@@ -200,10 +205,14 @@ def test_one_joint(project: Path, shared: Path, file: str) -> None:
     assert all(value < 0.0 for value in finding.facts["friction"].values())
 
 
+def rows_of(log: Experiment) -> LogRows:
+    job = IDIMLS(fixed={}, dropped=()).job(log)
+    return LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+
+
 def search_of(log: Experiment) -> list[Finding]:
     """What the whole search finds, plain and consistent fits."""
-    job = IDIMLS(fixed={}, dropped=()).job(log)
-    rows = LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+    rows = rows_of(log)
     return cause_findings(rows, Search(rows).cause())
 
 
@@ -323,3 +332,71 @@ def test_a_family_with_a_row_in_the_table_is_searched(
     assert ("shared-drive", (2, 3)) not in named()
     monkeypatch.setattr(causes, "OF_TORQUES", (*OF_TORQUES, halved))
     assert ("shared-drive", (2, 3)) in named()
+
+
+def test_units_of_slides_and_turning_joints() -> None:
+    """What is declared in metres and radians may be in millimetres and degrees."""
+    rows = stub(origin={}, robot=stub(joint_kinds=("revolute", "prismatic")))
+    found = {
+        (item.facts["declared"], item.facts["unit"]): np.diagonal(np.asarray(item.position)).tolist()
+        for item in units(rows)
+    }
+    assert found == {
+        ("rad", "deg"): pytest.approx([np.pi / 180.0, 1.0]),
+        ("deg", "rad"): pytest.approx([180.0 / np.pi, 1.0]),
+        ("m", "mm"): [1.0, 1e-3],
+        ("mm", "m"): [1.0, 1e3],
+    }
+
+
+def planar(seed: int, *, exchange: bool = False) -> LogRows:
+    robot = didim.load_robot("planar2")
+    x = robot.parameter_set("reference")
+    log = of_recordings(robot, recorded(robot, x, seed=seed, noise=0.3, n_samples=6000))
+    return rows_of(with_torques(log, exchanged(torques(log), 0, 1)) if exchange else log)
+
+
+def test_another_log_that_agrees_confirms_a_cause_and_one_that_does_not_refuses_it() -> None:
+    rows = planar(0, exchange=True)
+    cause = Search(rows, planar(1, exchange=True)).cause()
+    assert cause is not None
+    assert [(item.hypothesis.code, item.hypothesis.joints) for item in cause.tried] == [
+        ("swapped-torques", (1, 2))
+    ]
+    assert Search(rows, planar(1)).cause() is None
+
+
+def test_the_growth_of_a_trial_is_that_of_errors() -> None:
+    """Of blocks that were left out in turn over the same blocks fitted: by the root, as errors are."""
+    rows = planar(0)
+    found = causes.tried(
+        rows, Hypothesis(code="torque-sign", joints=(1,), factors=np.ones(2)), rows.products, rows.names
+    )
+    weight = 1.0 / rows.declared_seen
+    cuts = np.array_split(np.arange(rows.y.shape[1]), BLOCKS)
+
+    def squares(inside: NDArray[np.intp], outside: NDArray[np.intp]) -> float:
+        scale = np.sqrt(weight)[:, None]
+        w = (rows.w * scale[:, :, None])[:, inside].reshape(-1, rows.w.shape[2])
+        beta = np.linalg.lstsq(w, (rows.y * scale)[:, inside].ravel(), rcond=None)[0]
+        return float(np.sum((rows.y[:, outside] - rows.w[:, outside] @ beta) ** 2))
+
+    every = np.arange(rows.y.shape[1])
+    unseen = sum(squares(np.setdiff1d(every, cut), cut) for cut in cuts)
+    assert unseen > 1.02 * squares(every, every)
+    assert found.growth == pytest.approx(np.sqrt(unseen / squares(every, every)), rel=2e-3)
+
+
+@pytest.mark.parametrize(("ahead", "held"), [(0.5, True), (-0.5, False)])
+def test_a_digital_hold_leaves_torques_half_a_sample_ahead(ahead: float, held: bool) -> None:
+    """Behind the motion by as much no hold explains them."""
+    robot = didim.load_robot("planar2")
+    q, wanted = (simulated.motion(2, 6000, late_samples=late) for late in (0.0, -ahead))
+    tau = didim.inverse_dynamics(
+        robot, *differentiate(wanted, simulated.RATE_HZ, simulated.SIGNAL), robot.parameter_set("reference")
+    )
+    log = of_recordings(robot, didim.Recording.from_arrays(q, tau, rate_hz=simulated.RATE_HZ))
+    (finding,) = delay_findings(rows_of(log), np.zeros(0), obeyed=False)
+    assert finding.value == pytest.approx(-ahead, abs=0.05)
+    assert finding.facts["held"] is held
+    assert ("a digital hold" in finding.sentence) is held

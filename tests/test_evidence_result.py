@@ -152,6 +152,25 @@ def test_a_held_out_recording_says_what_to_expect(sound: Log) -> None:
     assert control.error == pytest.approx(fit.held_out[0].overall_relative_error, rel=0.2)
 
 
+def test_of_held_out_recordings_the_worst_says_what_to_expect_and_gravity_has_its_mean() -> None:
+    """The error of a joint, not of all together, stands over the mean torque of gravity of a joint."""
+    robot = didim.load_robot("planar2")
+    x = robot.parameter_set("reference")
+    logs = [
+        simulated.log(robot, x, seed=0, noise=0.3),
+        simulated.log(robot, x, seed=1, noise=0.3, name="near", role="held-out"),
+        simulated.log(robot, x, seed=2, noise=9.0, name="far", role="held-out"),
+    ]
+    fit = identify(simulated.experiment(robot, *logs))
+    uses = {use.name: use for use in fit.verdict.uses}
+    (far,) = [each for each in fit.held_out if each.name == "far"]
+    assert "'far'" in uses["control"].why
+    assert uses["control"].error == pytest.approx(far.overall_relative_error, rel=0.3)
+    gravity = didim.gravity(robot, logs[0].q, x)
+    wanted = np.sqrt(np.mean(np.square(far.error_rms))) / np.sqrt(np.mean(gravity**2))
+    assert uses["gravity compensation"].error == pytest.approx(wanted, rel=0.3)
+
+
 def test_an_estimate_that_is_no_robot_cannot_be_simulated_and_its_nearest_robot_can() -> None:
     robot = didim.load_robot("planar2")
     log = planar(0.3)

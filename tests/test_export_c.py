@@ -31,9 +31,13 @@ Array = np.ndarray
 class Compiled:
     """A header, compiled for itself and called from Python."""
 
-    def __init__(self, folder: Path, robot: Robot, x: Array, prefix: str = "arm") -> None:
+    def __init__(
+        self, folder: Path, robot: Robot, x: Array | None, prefix: str = "arm", text: str | None = None
+    ) -> None:
         assert COMPILER is not None
-        (folder / "arm.h").write_text(didim.export.to_c(robot, x, prefix=prefix))
+        (folder / "arm.h").write_text(
+            didim.export.to_c(robot, x if x is not None else [], prefix=prefix) if text is None else text
+        )
         source = folder / "arm.c"
         n = robot.n_dof
         source.write_text(
@@ -159,7 +163,7 @@ def test_base_parameters_and_a_prefix_from_the_name() -> None:
     assert text.count(" *   ") == 60
     assert "malloc" not in text
     named = didim.export.to_c(replace(robot, name="7-axis arm */"), robot.sets["didim"])
-    assert "void robot_7_axis_arm____tau(" in named
+    assert "void robot_7_axis_arm_tau(" in named
     assert "of 7-axis arm * /:" in named
     with pytest.raises(FitError, match="begin with a letter"):
         didim.export.to_c(robot, robot.sets["didim"], prefix="2x")
@@ -245,3 +249,25 @@ def test_friction_that_remembers_carries_its_states(tmp_path: Path) -> None:
             code.remember(at(np.ascontiguousarray(q[k] - q[k - 1])), at(z))
         code.tau(at(q[k]), at(dq[k]), at(ddq[k]), at(z), at(found[k]))
     assert worst(found, didim.inverse_dynamics(robot, q, dq, ddq, x)) < 1e-9
+
+
+def test_friction_is_smooth_on_request_and_names_have_one_underscore(tmp_path: Path) -> None:
+    robot = didim.load_robot("tx40")
+    x = robot.sets["didim_physical"]
+    smooth = didim.export.to_c(robot, x, prefix="tip_", smoothing=0.05)
+    assert "__" not in smooth
+    assert "sign(" not in smooth
+    compiled = Compiled(tmp_path, robot, None, "tip", smooth)
+    motion = random_motion(np.random.default_rng(0), 20, 6)
+    motion.dq[:5] *= 0.01
+    own = robot.with_friction(coulomb="tanh", smoothing_rad_s=0.05)
+    expected = didim.inverse_dynamics(own, motion.q, motion.dq, motion.ddq, x)
+    assert worst(compiled.call("tau", 6, motion.q, motion.dq, motion.ddq), expected) < 1e-12
+    with pytest.raises(FitError, match="smoothing must be a positive number"):
+        didim.export.to_c(robot, x, smoothing=0.0)
+
+
+def test_the_header_names_the_joints() -> None:
+    robot = didim.load_robot(Path(didim.__file__).parent / "packaged" / "examples" / "ur10e" / "ur10e.urdf")
+    header = didim.export.to_c(robot, robot.parameter_set("urdf"))
+    assert "1 shoulder_pan_joint (revolute), 2 shoulder_lift_joint (revolute)" in header

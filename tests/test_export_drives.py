@@ -227,6 +227,9 @@ def test_isaac_lab_and_mjlab() -> None:
             assert options["joint_names_expr"] == ["pan", "lift"]
             assert options["stiffness"] == {"pan": 18.0, "lift": 36.0}
             assert options["effort_limit"] == {"pan": 2.5}
+            # Friction of both kinds is Coulomb's; the coefficient of the speed is another number of another unit.
+            assert options["friction"] == options["dynamic_friction"] == {"pan": 0.07, "lift": 0.05}
+            assert options["viscous_friction"] == {"pan": 0.3, "lift": 0.25}
             assert (options["min_delay"], options["max_delay"]) == (steps, steps)
         else:
             assert [item["target_names_expr"] for item in made] == [("pan",), ("lift",)]

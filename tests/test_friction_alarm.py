@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import didim
+import didim.regression.friction.alarm as of_residual
 from didim.regression.friction.alarm import FrictionAlarm
+from didim.regression.friction.tested_laws import LawColumns, laws_to_test
 from didim.result.identification import Identification
 from didim.robot.friction import FrictionTerm
 from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth
@@ -68,6 +71,24 @@ def test_a_missing_law_is_seen_and_its_shift_is_in_the_intervals(law: Law, names
         before.append(error <= factor * np.sqrt(fit.std**2 - found.shift**2))
     assert np.mean(inside) >= 0.9
     assert np.mean(before) < np.mean(inside)
+
+
+def test_a_law_with_more_columns_must_explain_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two with the same column the simpler one is named, though one of noise beside it always explains a little."""
+
+    @dataclass(frozen=True)
+    class WithNoise(LawColumns):
+        def start(self, *given: object) -> np.ndarray:
+            return np.random.default_rng(0).standard_normal(self.columns.shape)
+
+    def twice(*given: Any) -> list[LawColumns]:
+        (law, *_) = [law for law in laws_to_test(*given) if law.family == "stribeck"]
+        return [law, WithNoise("dahl", law.columns, law.amplitude)]
+
+    monkeypatch.setattr(of_residual, "laws_to_test", twice)
+    found = alarm(fitted(stribeck(0.2), 500))
+    assert found.raised
+    assert found.law == "stribeck"
 
 
 def test_a_coarse_encoder_is_not_tested_for_memory() -> None:

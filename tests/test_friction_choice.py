@@ -24,7 +24,7 @@ from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
 from didim.result.iteration import Reporter
-from didim.robot.friction import FrictionTerm
+from didim.robot.friction import FrictionTerm, Law
 from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
@@ -67,6 +67,32 @@ def test_a_log_without_further_friction_keeps_its_terms() -> None:
         fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
         kept.append(len(fit.settings["friction"]["chosen"]))
     assert np.mean(kept) <= 0.5
+
+
+@pytest.mark.parametrize("law", ["load", "spring"])
+def test_a_law_that_would_drive_the_joint_is_not_chosen(law: Law) -> None:
+    """Friction that falls with the load, and a stiffness below zero, fit these logs best, and no robot has them."""
+    term = FrictionTerm(law=law, joint=1)
+    robot = planar(term, dead_zone=0.02)
+    x = parameters(robot, **{term.parameter: {"load": -0.15, "spring": -6.0}.get(law, 0.0)})
+    experiment = replace(log(robot, x, noise=0.1), robot=planar(dead_zone=0.02))
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    assert term.parameter not in {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    assert term.parameter not in fit.names
+
+
+@pytest.mark.parametrize(("seed", "clear"), [(0, False), (1, True)])
+def test_a_term_whose_gain_is_not_clear_is_in_the_intervals(seed: int, clear: bool) -> None:
+    """Both logs have the same small load friction, and choose it without any block too; the noise of one hides its gain on some."""
+    robot = planar(FrictionTerm(law="load", joint=1), dead_zone=0.02)
+    experiment = log(robot, parameters(robot, Fl2=0.01), noise=0.3, seed=seed)
+    fit = didim.identify(replace(experiment, robot=planar(dead_zone=0.02)), didim.IDIMLS(friction="auto"))
+    (chosen,) = fit.settings["friction"]["chosen"]
+    assert chosen["parameter"] == "Fl2"
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    assert not fit.uncertainty.friction.raised
+    assert bool(fit.uncertainty.friction.shift.any()) is not clear
 
 
 def test_a_sign_that_is_kept_and_memory_are_found() -> None:

@@ -152,6 +152,22 @@ def test_derived_values() -> None:
     assert "two joints" in repr(fit)
 
 
+def test_the_estimate_is_a_row_for_each_unknown() -> None:
+    fit = example()
+    low, high = fit.confidence_interval()
+    for k, row in enumerate(fit.estimate):
+        assert (row.name, row.unit, row.role, row.group) == (
+            fit.names[k],
+            fit.units[k],
+            fit.roles[k],
+            "robot",
+        )
+        assert [row.value, row.std] == [fit.beta[k], fit.std[k]]
+        np.testing.assert_array_equal([row.low, row.high], [low[k], high[k]])
+        assert row.source == {"estimated": "log", "fixed": "file", "dropped": "none"}[row.role]
+    assert {row.role for row in fit.estimate} == {*fit.roles}
+
+
 def test_table() -> None:
     assert str(example()).splitlines() == [
         "two joints: 5 base parameters of robot planar2 by idim-ls",

@@ -39,8 +39,7 @@ from didim.result.status import Status
 from didim.robot.robot import Robot
 from didim.studies.simulated_log import simulated_log
 from simulated import closed_loop_log
-from test_trees import legs
-from urdfs import inertial_text, joint_text
+from urdfs import inertial_text, joint_text, legs
 
 Array = NDArray[np.float64]
 

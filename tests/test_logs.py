@@ -66,6 +66,9 @@ def test_a_result_with_further_parameters_is_saved_printed_and_predicts(
     assert fit.further is not None
     assert again.further.by_name == fit.further.by_name
     np.testing.assert_array_equal(again.further.covariance, fit.further.covariance)
+    rows = {row.name: row for row in again.estimate}
+    assert {rows["disc.MX"].group, rows["log 3.Off1"].group} == {"payload", "offset"}
+    assert rows["disc.MX"].value == fit.further.by_name["disc.MX"]
     text = str(again)
     assert "payload 'disc', on the flange" in text
     assert "centre of mass: 250.0 +- " in text

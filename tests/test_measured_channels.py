@@ -14,7 +14,7 @@ from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
-from didim.signal.segments import motion_of
+from didim.signal.window import motion_of
 from simulated import RATE_HZ, experiment, log, motion
 
 pytestmark = pytest.mark.usefixtures("without_verdict")

@@ -568,3 +568,43 @@ def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.stderr.read() == "didim: interrupted\n"
     assert process.returncode == 130
+
+
+def test_a_pipe_without_a_reader_is_told_and_one_with_a_reader_is_written(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    check_output(pipe)
+    with pytest.raises(OSError, match="it is a pipe that nobody reads") as error:
+        write_atomically(pipe, "lost")
+    assert error.value.filename == str(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    text = "x" * 200_000  # more than the pipe holds
+    while not read:
+        try:
+            write_atomically(pipe, text)
+        except OSError:  # the reader has not opened it yet
+            continue
+        reader.join()
+    assert read == [text]
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    sync, replace = os.fsync, Path.replace
+
+    def synced(handle: int) -> None:
+        done.append("fsync")
+        sync(handle)
+
+    def replaced(path: Path, target: Path) -> Path:
+        done.append("replace")
+        return replace(path, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Path, "replace", replaced)
+    write_atomically(tmp_path / "fit.json", "{}")
+    assert done == ["fsync", "replace", "fsync"]

@@ -110,7 +110,8 @@ def test_a_mass_that_is_known_stays_and_sharpens_the_rest(known: didim.Identific
 def test_the_uncertainty_of_the_robot_is_in_that_of_the_payload(known: didim.Identification) -> None:
     vague = replace(known, covariance=100.0 * known.covariance)
     sharp, wide = (identify_payload(fit, loaded(2)) for fit in (known, vague))
-    assert wide.std[9] > 1.5 * sharp.std[9]
+    # Ten times where the log had no noise; the log alone, whose weights the robot changes, gives one and a half times.
+    assert 4.0 * sharp.std[9] < wide.std[9] < 10.0 * sharp.std[9]
     with pytest.raises(FitError, match="no standard deviations"):
         identify_payload(replace(known, covariance=0.0 * known.covariance), loaded(2))
 

@@ -15,8 +15,7 @@ from didim.errors import ExperimentError
 from didim.robot.payload import Payload, ends, last_link, payload_columns, read_flange
 from didim.robot.rigid_body import body_pseudo_inertia, inverse, moved, pose, rotation_of, ten_parameters
 from tables import experiment_table
-from test_trees import legs
-from urdfs import made
+from urdfs import legs, made
 
 MASS, CENTRE = 2.5, (0.03, -0.02, 0.11)
 INERTIA = (0.02, 0.001, -0.002, 0.025, 0.0005, 0.015)

@@ -38,6 +38,13 @@ def test_random_chains(robot: Robot, seed: int) -> None:
     check(robot, np.random.default_rng(seed))
 
 
+@settings(max_examples=5)
+@given(robot=robots(smallest=11, largest=13, coupled=False), seed=st.integers(0, 2**32 - 1))
+def test_chains_of_more_than_ten_joints(robot: Robot, seed: int) -> None:
+    """Whose names have two digits."""
+    check(robot, np.random.default_rng(seed))
+
+
 def test_the_kinematics_of_the_tx40() -> None:
     robot = didim.load_robot("tx40")
     for seed in range(20):

@@ -88,7 +88,7 @@ def test_coarse_encoders_keep_estimates_and_intervals(arm: str, monkeypatch: pyt
         inside.append(np.abs(error) <= fit.uncertainty.factor(0.95) * fit.std)
         assert "steps of the positions" not in str(fit)
     assert np.mean(inside) > 0.9
-    monkeypatch.setattr("didim.signal.segments.between_steps", lambda q, *more: q)
+    monkeypatch.setattr("didim.signal.window.between_steps", lambda q, *more: q)
     before = np.array([fit.beta - truth(arm) for fit in fits_of(arm, 4096)])
     gains = np.sqrt(np.mean(before**2, axis=0) / np.mean(errors**2, axis=0))
     assert np.median(gains) > 4.0

@@ -22,7 +22,6 @@ from didim.regression.linear_system import linear_system
 from didim.regression.selection import select
 from didim.result.identification import Identification
 from didim.signal.processing import Convention, Form
-from didim.signal.segments import segments
 from tx40_oracle import RATE_HZ, REDUCTION, Expected, expected
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -95,7 +94,7 @@ def test_emps_variance_by_equation_9(project: Path, shared: Path) -> None:
 def test_emps_diagonal_of_r(project: Path, shared: Path) -> None:
     experiment = load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     signal = replace(experiment.signal, decimation=())
-    parts = segments(experiment.recordings[0], signal)
+    parts = didim.windows(experiment, signal)
     system = linear_system(experiment.robot, parts, signal, select(experiment.robot, {}, ()))
     diagonal = 1.0 / np.diag(_core.least_squares(system.w, system.y).inverse_r)
     np.testing.assert_array_equal(np.round(diagonal, 4), [64.1376, 13.9005, 69.1706, 157.4483])
@@ -229,7 +228,7 @@ def test_tx40_standstill_decides_the_friction_of_joints_2_and_3(
 ) -> None:
     experiment = load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
     robot = experiment.robot
-    (part,) = segments(experiment.recordings[0], experiment.signal)
+    (part,) = didim.windows(experiment)
     dq = part.dq.copy()
     still = np.abs(dq) < 1e-7
     assert np.all(still.mean(axis=0)[[1, 2]] > 0.1)

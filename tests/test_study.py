@@ -316,7 +316,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     path.write_text("\n".join([*lines, 'method = "idim-ls"', "[repeat]", "seeds = 2", "[grid]", *grid]))
     assert main(["study", str(path), "--executor", "serial"]) == 0
     captured = capsys.readouterr()
-    assert "6 of 6 rows, 0 failed" in captured.err
+    assert "6 of 6 rows (4 runs), 0 failed" in captured.err
     rows = tmp_path / "arm.jsonl"
     before = rows.read_bytes()
     assert main(["study", str(path), "--executor", "serial", "--quiet"]) == 0

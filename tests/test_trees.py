@@ -27,8 +27,7 @@ from didim.studies.loads.residual import residual_torques
 from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
 from urdfs import (
-    inertial_text,
-    joint_text,
+    legs,
     made,
     nasty_tree,
     pinocchio_model,
@@ -39,26 +38,6 @@ from urdfs import (
 
 TREES = 3 * 39
 """Random trees that are compared with Pinocchio."""
-
-
-def legs(count: int, joints: int, seed: int = 0) -> str:
-    """A body on the ground with legs of a few joints each."""
-    rng = np.random.default_rng(seed)
-    parts = [f'<link name="trunk">{inertial_text(rng)}</link>']
-    for leg in range(count):
-        parent = "trunk"
-        for j in range(joints):
-            child = f"leg{leg}_{j}"
-            axis = (1.0, 0.0, 0.0) if j == 0 else (0.0, 1.0, 0.0)
-            xyz = (
-                (0.2 - 0.4 * (leg // 2), 0.1 - 0.2 * (leg % 2), 0.0)
-                if j == 0
-                else (0.0, 0.05 if j == 1 else 0.0, -0.2 * (j > 1))
-            )
-            parts.append(f'<link name="{child}">{inertial_text(rng)}</link>')
-            parts.append(joint_text(f"{child}_joint", "revolute", parent, child, xyz=xyz, axis=axis))
-            parent = child
-    return f'<robot name="legs">{"".join(parts)}</robot>'  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(TREES))

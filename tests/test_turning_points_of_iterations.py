@@ -179,7 +179,7 @@ def test_the_gradient_counts_as_zero(cosine: float, met: bool) -> None:
 
 @pytest.mark.parametrize(("samples", "refused"), [(5, True), (6, False)])
 def test_noise_needs_more_than_five_samples(samples: int, refused: bool) -> None:
-    window = stub(q=np.zeros((samples, 1)))
+    window = stub(measured=np.zeros((samples, 1)))
     problem = stub(windows=[window], method=None, job=stub(experiment=stub(name="log")))
     with pytest.raises(FitError if refused else AttributeError):
         weigh_by_noise(cast(Any, problem))

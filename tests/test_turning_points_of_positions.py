@@ -21,6 +21,7 @@ from didim.methods.positions.knowledge import _excess, widening
 from didim.methods.positions.motion import _motion
 from didim.methods.positions.search import Search
 from didim.methods.positions.stops import Stop, _pulled, pushed_stretches, refuse_little
+from didim.result.uncertainty import student_factor
 from plain import stub
 
 Array = NDArray[np.float64]
@@ -76,6 +77,32 @@ def test_a_covariance_needs_four_blocks(blocks: int, known: bool, monkeypatch: p
     assert bool(np.isfinite(intervals(search_of(monkeypatch, np.ones(9))).std).all()) is known
 
 
+def test_intervals_are_the_wider_ones_of_both_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the second cut here, with the quantile of Student's distribution of its four blocks."""
+    monkeypatch.setattr(of_blocks, "_cuts", lambda problem: ([[np.arange(8)], [np.arange(4)]], "stretches"))
+    monkeypatch.setattr(of_blocks, "_normal_of_blocks", lambda now, cut, number: (number,))
+    monkeypatch.setattr(
+        of_blocks, "_jackknife", lambda now, number: np.full((1, 1), {8: 1.0, 4: 9.0}[number])
+    )
+    monkeypatch.setattr(of_blocks, "_drift", lambda *given: np.zeros((2, 1)))
+    found = intervals(search_of(monkeypatch, np.ones(9)))
+    assert found.half[0] == pytest.approx(3.0 * student_factor(0.95, 3))
+    assert found.std[0] == pytest.approx(found.half[0] / student_factor(0.95, 7))
+
+
+def test_a_change_along_a_log_has_the_variance_of_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimate of a block is its gradient here, as is that of a part the mean of those of its blocks."""
+    monkeypatch.setattr(of_blocks, "bounded_step", lambda now, a, g: g / a[0, 0])
+    before, after = np.array([1.0, 3.0, 2.0, 0.0, 1.0, 5.0]), np.array([9.0, 8.0, 9.0, 9.0, 7.0, 6.0])
+    estimates = np.concatenate([before, after])
+    change, ratio = of_blocks._drift(
+        search_of(monkeypatch, np.ones(9)), np.ones((12, 1, 1)), estimates[:, None]
+    )
+    variance = (before.var(ddof=1) + after.var(ddof=1)) / 6.0
+    assert change[0] == pytest.approx(after.mean() - before.mean())
+    assert ratio[0] == pytest.approx(change[0] / np.sqrt(variance))
+
+
 def test_an_encoder_has_a_noise_of_a_ten_thousandth() -> None:
     rollout = stub(joints=[0], q=np.zeros((100, 1)), by_joint=lambda errors: errors.reshape(-1, 1))
     problem = stub(robot=stub(n_dof=1), rollouts=[rollout])
@@ -89,6 +116,15 @@ def test_an_effect_must_exceed_a_ten_thousandth(effect: float, held: bool) -> No
     column = cast(Any, stub(of_drive=True, kind="kp", start=2.0, joints=(0,)))
     problem = stub(rollouts=[stub(rate_hz=100.0)], limbs=[stub(joints=(0,))])
     excess = _excess(problem, column, 10.0, 100 * (10.0 * effect) ** 2, 100, 1e-9, False)
+    assert (excess > 1.0) is held
+
+
+@pytest.mark.parametrize(("effect", "held"), [(0.8e-4, True), (1.2e-4, False)])
+def test_an_effect_is_that_on_the_rows_of_its_own_limbs(effect: float, held: bool) -> None:
+    """The other three of four limbs, which the unknown does not move, have three quarters of the rows."""
+    column = cast(Any, stub(of_drive=True, kind="kp", start=2.0, joints=(1,)))
+    problem = stub(rollouts=[stub(rate_hz=100.0)], limbs=[stub(joints=(k,)) for k in range(4)])
+    excess = _excess(problem, column, 10.0, 100 * (10.0 * effect) ** 2, 400, 1e-9, False)
     assert (excess > 1.0) is held
 
 

@@ -18,12 +18,9 @@ import didim.excitation.problem as design
 from didim.excitation.problem import Problem
 from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import Outcome, SimulationStatus
-from didim.methods.cloe.cloe import CLOE
-from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
-from didim.methods.didim.simulator import LogSimulator
 from didim.methods.didim.windows import Iterate, Solved
 from didim.methods.job import Job
 from didim.signal.filters import low_pass
@@ -107,36 +104,11 @@ def test_edges_of_a_simplex_change_the_outputs_by_three_tenths_of_their_errors()
     assert edges == pytest.approx([0.3 * 4.0 / 2.0, 0.3 * 4.0 / 5.0])
 
 
-def test_the_inertia_is_checked_at_200_positions(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "didim.methods.cloe.output_error."
-    monkeypatch.setattr(module + "_windows", lambda job, output: [stub(q=np.zeros((4000, 1)))])
-    monkeypatch.setattr(OutputError, "_start", lambda problem: 1 / 0)
-    problem = object.__new__(OutputError)
-    job = cast(Any, stub(robot=None, parameters=None, selection=stub(estimated=[])))
-    with pytest.raises(ZeroDivisionError):  # its start, which comes after the positions
-        problem.__init__(CLOE(), job, cast(Any, None))  # type: ignore[misc]
-    assert len(problem.checked) == 200
-
-
 def test_steps_in_time_are_two_microseconds_at_least() -> None:
     """Rounded down to a quarter of an octave."""
     coarse, fine = chosen_steps(1e9, np.full(1, 1e9), SimulationSettings())
     assert 2e-6 / 2.0**0.25 < coarse <= 2e-6
     assert fine == (coarse,)
-
-
-def test_candidates_are_simulated_eight_at_a_time() -> None:
-    sizes: list[int] = []
-
-    def run(x: Array) -> tuple[list[Array], list[Outcome]]:
-        sizes.append(len(x))
-        return [np.zeros((len(x), 3, 1))] * 4, [Outcome(SimulationStatus.DIVERGED)] * len(x)
-
-    window = stub(standard=lambda x: x, motion=lambda arrays, k: None, loop=stub(run=run))
-    simulator = stub(windows=[window], n_simulations=0)
-    assert len(LogSimulator.simulate_all(simulator, [np.zeros(1)] * 20)) == 20
-    assert simulator.n_simulations == 20
-    assert sizes == [8, 8, 4]
 
 
 def test_a_millimetre_of_clearance_weighs_a_hundredth_of_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from didim import DIDIM, Experiment, Identification, identify, validate
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.experiment.specs import SimulationSettings
+from several import arm_logs
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,13 @@ def test_every_recording_whatever_its_role(fit: Identification, log: Experiment,
     assert text.startswith("arm, by didim, on arm; relative errors in %\n")
     assert text.count("torque, predicted") == 2
     assert text.count("position, simulated") == 2
+
+
+def test_each_recording_is_validated_with_its_own_payload() -> None:
+    """That which the fit found in one of its logs."""
+    both = replace(arm_logs([False, True, False]), controller=None)
+    found = validate(identify(both), both)
+    assert [item.direct_overall < 0.01 for item in found.recordings] == [True] * 3
 
 
 def test_without_controller_or_torques(fit: Identification, other: Experiment) -> None:
@@ -212,11 +220,15 @@ def test_wrong_commands_are_one_line_and_exit_2(
     assert "fit.json" in refused()
 
 
-def test_other_friction_is_named(fit: Identification, other: Experiment) -> None:
-    """The sentence says which parameters only one of the two has."""
+def test_friction_is_that_of_the_result(fit: Identification, other: Experiment) -> None:
+    """The file's model does not fit the parameters of the result, and is not asked; a result that says nothing of it is refused."""
     asymmetric = replace(other, robot=other.robot.with_friction(model="asymmetric"))
+    found = validate(fit, asymmetric)
+    (note,) = (reason for reason in found.verdict.notes if reason.code == "as-fitted")
+    assert "model = symmetric (file: asymmetric)" in note.sentence
+    silent = replace(fit, settings={key: value for key, value in fit.settings.items() if key != "robot"})
     with pytest.raises(FitError) as raised:
-        validate(fit, asymmetric)
+        validate(silent, asymmetric)
     assert str(raised.value) == (
         "the parameters differ: only the result has Fv1, Fc1, Off1, Fv2, Fc2, Off2 and only the experiment has "
         "Fv1+, Fc1+, Fv1-, Fc1-, Fv2+, Fc2+ and 2 more; write the same [friction] for both"

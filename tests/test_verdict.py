@@ -160,6 +160,16 @@ def test_white_noise_through_the_decimation_is_white() -> None:
     assert identify(experiment).verdict.sound
 
 
+def test_correlation_that_is_known_of_the_noise_is_not_the_models() -> None:
+    """Sums of three neighbours are correlated by two thirds and a third: with that in the blocks they are white."""
+    white = np.random.default_rng(3).standard_normal((2, 3002))
+    noise = (white[:, 2:] + white[:, 1:-1] + white[:, :-2]).ravel()
+    known = whiteness(noise, stacked(2, [3000], correlation=np.array([1.0, 2.0 / 3.0, 1.0 / 3.0])), 2)
+    assert not known.coloured.any()
+    np.testing.assert_allclose(known.growth, 1.0, rtol=0.1)
+    assert whiteness(noise, stacked(2, [3000]), 2).coloured.all()
+
+
 def test_exit_codes_and_colours(
     fit: Identification, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

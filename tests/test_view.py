@@ -5,13 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import re
-import shutil
 import socket
-import subprocess
 import sys
-import tempfile
 import urllib.request
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -339,33 +335,6 @@ def test_the_camera_sees_the_whole_robot_in_every_pose(name: str, aspect: float)
     half = depth * np.tan(0.5 * camera.fov)
     shares = max(np.abs(x / (aspect * half)).max(), np.abs(y / half).max())
     assert 0.5 < shares < 1.0
-
-
-def browsed(chromium: str, url: str, options: Sequence[str]) -> str:
-    """Return the page that a browser without a screen has made of an address."""
-    with tempfile.TemporaryDirectory() as profile:
-        command = [chromium, "--headless=new", "--no-sandbox", f"--user-data-dir={profile}", *options]
-        command += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--virtual-time-budget=20000"]
-        return subprocess.run([*command, "--dump-dom", url], capture_output=True, text=True).stdout
-
-
-@pytest.mark.tools
-def test_a_browser_that_prefers_dark_pages_gets_one() -> None:
-    pytest.importorskip("viser")
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("needs chromium")
-    from didim.view.page import Page
-
-    robot = didim.load_robot("planar2")
-    page = Page(robot, shapes.skeleton(robot), [], port=free_port())
-    try:
-        for options, scheme in ([[], "light"], [["--force-dark-mode"], "dark"]):
-            # A busy machine may print the page before it is complete.
-            shown = (browsed(chromium, page.url, options) for _ in range(5))
-            assert any(f'data-mantine-color-scheme="{scheme}"' in text[:200] for text in shown)
-    finally:
-        page.close()
 
 
 def test_the_address_is_printed_in_one_line(

@@ -19,14 +19,14 @@ def pinocchio_model(robot: Robot, x: Array) -> pin.Model:
     model = pin.Model()
     model.gravity.linear = np.array(robot.geometry.gravity)
     geometry = robot.geometry
-    per_joint = sum(name.endswith("1") or name.endswith(("1+", "1-")) for name in robot.parameter_names)
     parent = 0
     for j, kind in enumerate(geometry.kinds):
         placement = pin.SE3(pin.utils.rotate("x", geometry.alpha[j]), np.array([geometry.d[j], 0.0, 0.0]))
         placement *= pin.SE3(pin.utils.rotate("z", geometry.theta[j]), np.array([0.0, 0.0, geometry.r[j]]))
         joint = pin.JointModelRZ() if kind == "revolute" else pin.JointModelPZ()
         parent = model.addJoint(parent, joint, placement, f"joint{j + 1}")
-        xx, xy, xz, yy, yz, zz, mx, my, mz, m = x[j * per_joint : j * per_joint + INERTIAL]
+        first = robot.parameter_names.index(f"XX{j + 1}")
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = x[first : first + INERTIAL]
         c = np.array([mx, my, mz]) / m
         about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from .excitation.excite import excite as excite
     from .experiment.experiment import Experiment as Experiment
     from .experiment.experiment_file import load_experiment as load_experiment
+    from .experiment.loop import windows as windows
     from .log.recording import Recording as Recording
     from .loop.controller import Controller as Controller
     from .loop.reference import Reference as Reference
@@ -36,6 +37,7 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from .methods.cloe.cloe import CLOE as CLOE
     from .methods.didim.didim import DIDIM as DIDIM
     from .methods.identify import identify as identify
+    from .methods.identify import rows as rows
     from .methods.idim_iv import IDIMIV as IDIMIV
     from .methods.idim_ls import IDIMLS as IDIMLS
     from .model.dynamics import direct_dynamics as direct_dynamics
@@ -80,13 +82,14 @@ _LATER = _by_name(
         "excitation.excite": "excite",
         "experiment.experiment": "Experiment",
         "experiment.experiment_file": "load_experiment",
+        "experiment.loop": "windows",
         "log.recording": "Recording",
         "loop.controller": "Controller",
         "loop.reference": "Reference",
         "loop.simulation": "Simulation simulate",
         "methods.cloe.cloe": "CLOE",
         "methods.didim.didim": "DIDIM",
-        "methods.identify": "identify",
+        "methods.identify": "identify rows",
         "methods.idim_iv": "IDIMIV",
         "methods.idim_ls": "IDIMLS",
         "model.dynamics": "direct_dynamics gravity inertia_matrix inverse_dynamics regressor",
@@ -155,4 +158,4 @@ if not TYPE_CHECKING:  # type checkers reject names that are not imported above
 
 def __dir__() -> list[str]:
     """Every public name, loaded or not."""
-    return sorted({*globals(), *__all__})
+    return sorted({*(name for name in globals() if name.startswith("__")), *__all__})

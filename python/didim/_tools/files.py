@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import tempfile
@@ -41,7 +42,7 @@ def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = 
     _require_end(path)
     try:
         if path.exists() and not path.is_file():
-            path.write_bytes(data)
+            _write_to_pipe(path, data)
             return
         target = Path(os.path.realpath(path))
         _require_folder(path, target)
@@ -49,6 +50,8 @@ def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = 
     except OSError as error:
         if error.errno is None:
             raise
+        if error.errno == errno.ENXIO:
+            raise OSError(errno.ENXIO, "it is a pipe that nobody reads", str(path)) from None
         # The system's message names the temporary file, or none.
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
 
@@ -138,8 +141,16 @@ def _require_folder(path: Path, target: Path) -> None:
         raise FileNotFoundError(f"cannot write '{path}': there is no folder '{target.parent}'")
 
 
+def _write_to_pipe(path: Path, data: bytes) -> None:
+    """Write to a pipe or a terminal; a pipe without a reader is an error (ENXIO) instead of a wait without end."""
+    handle = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
+    with os.fdopen(handle, "wb") as file:
+        os.set_blocking(handle, True)
+        file.write(data)
+
+
 def _write_beside(target: Path, data: bytes) -> None:
-    """Write to a temporary file in the same folder, which then replaces `target`."""
+    """Write to a temporary file in the same folder, which then replaces `target`; a loss of power keeps one or the other."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -149,10 +160,23 @@ def _write_beside(target: Path, data: bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(handle)
         temporary.chmod(mode)
         temporary.replace(target)
+        _sync_folder(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write the names in a folder to the disk; some systems cannot open a folder, and sync it by themselves."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 @cache

@@ -17,6 +17,8 @@ from .words import number_of
 Rows = Sequence[Sequence[str]]
 """Heading and cells of a table."""
 
+PRE = "white-space: pre-wrap; word-break: normal; overflow-wrap: break-word"
+"""Style of text: notebooks break lines within a word otherwise."""
 LONGEST_VALUE = 60
 """Largest number of characters of a field in a repr."""
 
@@ -35,7 +37,9 @@ def page(title: str, *parts: str | Rows) -> str:
     for part in parts:
         if not part:
             continue
-        lines.append(f"<pre>{html.escape(part)}</pre>" if isinstance(part, str) else _table(part))
+        lines.append(
+            f'<pre style="{PRE}">{html.escape(part)}</pre>' if isinstance(part, str) else _table(part)
+        )
     return "<div>" + "\n".join(lines) + "</div>"
 
 

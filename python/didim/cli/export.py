@@ -44,6 +44,11 @@ def add(commands: Commands) -> None:
         "--robot ROBOT",
         "robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
     )
+    add_option(
+        parser,
+        "--payload NAME|none",
+        "payload of the result that becomes a part of the link which carries it (default: none, and a line says so)",
+    )
     _add_forms(parser.add_mutually_exclusive_group(required=True))
     add_option(
         parser,
@@ -52,6 +57,12 @@ def add(commands: Commands) -> None:
         float,
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
+    add_option(
+        parser,
+        "--smoothing V",
+        "with --c: velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction",
+        float,
+    )
     add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
     add_flag(parser, "--force", "overwrite an existing file")
     add_flag(
@@ -90,6 +101,10 @@ def run(options: argparse.Namespace) -> int:
 
     if options.prefix is not None and not options.c:
         return refuse("--prefix is for --c")
+    if options.smoothing is not None and not options.c:
+        return refuse("--smoothing is for --c")
+    if options.payload is not None and options.fit is None and options.mjcf is None:
+        return refuse("--payload is for a result, FIT.json, which has payloads")
     if options.keep_lumped and options.urdf is None:
         return refuse("--keep-lumped is for --urdf")
     if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
@@ -114,9 +129,14 @@ def run(options: argparse.Namespace) -> int:
         urdf=options.urdf,
         prior=options.prior,
         further_terms=options.c or options.latex,
+        payload=options.payload,
     )
     if options.c or options.latex:
-        text = to_c(source.robot, source.x, prefix=options.prefix) if options.c else to_latex(source.robot)
+        text = (
+            to_c(source.robot, source.x, prefix=options.prefix, smoothing=options.smoothing)
+            if options.c
+            else to_latex(source.robot)
+        )
         return _written(options.output, text.encode(), notes=source.notes)
     content, report = export(
         source.robot,
@@ -143,6 +163,8 @@ def _drives(options: argparse.Namespace) -> int:
     from ..export.mjcf_edit import edit_mjcf
     from ..export.urdf import edit_dynamics
 
+    if options.payload is not None:
+        return refuse("--payload is for forms with links: a URDF, MJCF, SDF or C of a result on torques")
     if options.fit is None:
         return refuse("drives are exported of a result, FIT.json, and not of --parameters")
     drives, step = read_drives(options.fit), options.for_step

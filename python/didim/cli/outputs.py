@@ -121,10 +121,13 @@ class Saved:
 
             self.show(render(result, form), exact=True)
 
-    def end(self, text: str, code: int = CONVERGED, *, exact: bool = False) -> int:
-        """Print the last text of a command as `show` does, and return its exit code."""
-        self.show(text, exact=exact)
-        return self.code(code)
+    def end(
+        self, text: str, code: int = CONVERGED, *, verdict: Verdict | None = None, exact: bool = False
+    ) -> int:
+        """Print the last text of a command as `show` does, and return its exit code: 1 in place of 0 for a wrong verdict."""
+        self.show(text, verdict, exact=exact)
+        wrong = verdict is not None and verdict.state.value == "wrong"
+        return self.code(code or (NOT_CONVERGED if wrong else code))
 
     def code(self, code: int) -> int:
         """Return the exit code: 1 instead of 0 if an output is not at the requested path, 130 after Ctrl-C."""

@@ -77,4 +77,4 @@ def run(options: argparse.Namespace) -> int:
     validation = validate(fit, experiment)
     saved.save_json(options.json, validation.to_dict())
     saved.save_report(options.report, validation, experiment)
-    return saved.end(str(validation), CONVERGED if validation.completed else NOT_CONVERGED)
+    return saved.end(str(validation), verdict=validation.verdict)

@@ -40,7 +40,7 @@ from ..result.finding import Finding, worded
 from ..result.identification import Identification
 from ..signal.decimation import least_samples
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment
+from ..signal.window import Window
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
 from .channels import check_channels
@@ -224,7 +224,7 @@ def _unfiltered(error: DidimError) -> list[Finding]:
     ]
 
 
-def _check_squares(parts: Sequence[Segment]) -> None:
+def _check_squares(parts: Sequence[Window]) -> None:
     """Refuse torques whose squares leave floating point, before anything is made of them."""
     tau = np.concatenate([part.tau for part in parts])
     with np.errstate(over="ignore"):
@@ -272,9 +272,8 @@ def _model(
         beta = None  # what the logs have beside the robot is not known
     hints: list[Finding] = []
     judged = rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta)
-    thousand = check_torque_unit(robot, judged, parts)
-    if thousand and beta is not None:
-        return thousand  # known parameters predict torques of another unit
+    # Beside known parameters the unit is a cause like others; without them a fit does not see it.
+    thousand = check_torque_unit(robot, rows, parts) if beta is None else []
     named = [*thousand, *_causes(judged, hints)]
     if named:
         # What else a log declared so wrongly seems to have comes from that.
@@ -306,7 +305,7 @@ def _causes(rows: LogRows, hints: list[Finding]) -> list[Finding]:
     return named
 
 
-def _between(job: Job, parts: Sequence[Segment], beta: Array | None) -> list[Finding]:
+def _between(job: Job, parts: Sequence[Window], beta: Array | None) -> list[Finding]:
     """Return loads and friction that recordings do not share, and a load that known parameters, (b,), do not have."""
     if beta is not None:
         load = load_beyond(job.system(parts), beta, job.robot)

@@ -14,7 +14,7 @@ from ..evidence.rows import LogRows
 from ..experiment.experiment import Experiment
 from ..result.finding import Finding, worded
 from ..robot.robot import Robot
-from ..signal.segments import Segment
+from ..signal.window import Window
 
 ROOM = 1.02
 """Ratio to a declared limit that is tolerated: limits are rounded, and controllers overshoot a little."""
@@ -32,7 +32,7 @@ FEW = 2
 """Largest number of joints beyond their limits that have a line each; more have one cause, and one line."""
 
 
-def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:
+def check_limits(experiment: Experiment, parts: list[Window]) -> list[Finding]:
     """Compare the log with the limits of the robot, and with those of any robot."""
     robot = experiment.robot
     far, beyond = [], {"position": [], "speed": [], "torque": []}  # type: ignore[var-annotated]
@@ -120,15 +120,14 @@ def _limits(robot: str, what: str, beyond: Sequence[tuple[int, float, float, str
     ]
 
 
-def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Segment]) -> list[Finding]:
+def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Window]) -> list[Finding]:
     """Try torques in mN.m for N.m, by what known parameters predict, or by the limits of the robot.
 
     A fit has any scale, so it does not see the unit: parameters of the robot file, which may be some tens of per cent wrong, or the
     largest torques over the limits of effort decide.
     """
     factors = []
-    known = [] if rows.known is None else [rows.known]
-    known += [robot.base_parameters.project(x) for x in _sets(robot)]
+    known = [robot.base_parameters.project(x) for x in _sets(robot)]
     for beta in known:
         predicted = rows.w[:, :, : len(beta)] @ beta
         power = np.sum(predicted**2, axis=1)
@@ -149,7 +148,7 @@ def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Segment]) -> list
             grade="wrong",
             sentence="the torques look 1000 times too large, as if they were in mN.m, not in N.m: "
             + (
-                "by the parameters that are known"
+                "by the parameters of the robot file"
                 if known
                 else f"the limits of robot '{robot.name}' fit a thousandth of them"
             ),

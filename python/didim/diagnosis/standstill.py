@@ -10,7 +10,7 @@ from .._tools.arrays import true_ranges
 from .._tools.words import series
 from ..result.finding import Finding, worded
 from ..robot.robot import Robot
-from ..signal.segments import Segment
+from ..signal.window import Window
 
 SLOW = 0.005
 """Speed, as a share of the top speed, below which a joint stands still if this lasts for `LONG_S`."""
@@ -21,7 +21,7 @@ LARGEST_SHARE = 0.05
 (docs/tx40_recipes.md)."""
 
 
-def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
+def check_standstill(robot: Robot, parts: list[Window]) -> list[Finding]:
     """Report joints that stand still for long, where Coulomb friction is a plain sign."""
     if robot.friction.coulomb != "sign":
         return []

@@ -19,7 +19,7 @@ from ..regression.linear_system import LinearSystem
 from ..robot.parameters import friction_names
 from .hypotheses.hypothesis import Hypothesis
 from .hypotheses.positions import scales
-from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
+from .hypotheses.table import OF_KNOWN, OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
 from .hypotheses.torques import exchanges, signs
 from .products import BLOCKS, Declared, Judged, Products
 from .rows import Columns, LogRows
@@ -117,7 +117,7 @@ class Search:
         trials = [self._tried(hypothesis) for hypothesis in signs(rows)]
         if rows.hopeless and not self._torn and not any(trial.friction for trial in trials):
             return None
-        for family in OF_TORQUES:
+        for family in OF_TORQUES if rows.known is None else (*OF_TORQUES, *OF_KNOWN):
             trials += [self._tried(hypothesis) for hypothesis in family(rows)]
         trials += [self._tried(hypothesis) for hypothesis in self._promising()]
         trials = [trial for trial in trials if np.isfinite(trial.d)]
@@ -136,7 +136,8 @@ class Search:
         """Return the hypotheses with columns of their own that pass the screening, the best first."""
         rows = self.rows
         scored: list[tuple[float, Hypothesis]] = []
-        families = OF_SIGNS if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)
+        known = rows.known is not None
+        families = OF_SIGNS if known else (*OF_SIGNS, *OF_ROBOT)
         for family in (*families, *OF_READINGS) if self._readings else families:
             for hypothesis in family(rows):
                 d = rows.rough(hypothesis) if family is not scales else self._fell(hypothesis)
@@ -232,7 +233,7 @@ def tried(rows: Declared, hypothesis: Hypothesis, products: Products, names: Seq
         after = friction_sigmas(names, judged, hypothesis.joints)
         friction = max(before) < -FRICTION_SIGMAS and min(after) > FRICTION_SIGMAS and d < FRICTION_SLACK
         refused = "friction" if min(after) < min(-NEGATIVE_SIGMAS, min(before)) else ""
-    elif hypothesis.order is not None and not hypothesis.needs_columns:
+    elif hypothesis.code == "swapped-torques":
         pair = [joint - 1 for joint in hypothesis.joints]
         both = judged.unseen[pair].sum(axis=1) < declared.unseen[pair].sum(axis=1)
         refused = "" if both.all() else "one-channel"

@@ -25,7 +25,7 @@ from ..result.verdict import Use
 from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment
+from ..signal.window import Window
 from .causes import Search
 from .gain_check import unchecked
 from .lasting import delay_findings, friction_findings
@@ -57,7 +57,7 @@ class Measured:
         Filters and decimation.
     logs : LogParameters
         What the logs have beside the robot.
-    parts, outside : sequence of Segment
+    parts, outside : sequence of Window
         Filtered windows of the recordings of the fit, and of those that were held out.
     least : callable
         Returns the errors that plain IDIM-LS leaves, (n,) (N.m or N, root mean squares).
@@ -68,8 +68,8 @@ class Measured:
     robot: Robot
     signal: SignalProcessing
     logs: LogParameters
-    parts: Sequence[Segment]
-    outside: Sequence[Segment]
+    parts: Sequence[Window]
+    outside: Sequence[Window]
     least: Callable[[], Array]
     system: LinearSystem | None = None
 

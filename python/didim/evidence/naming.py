@@ -50,6 +50,7 @@ REMEDIES: dict[
 ] = {
     "torque-sign": ("experiment", "[recording.torque]", "sign", "turn"),
     "drive-gain": ("experiment", "[recording.torque]", "gain", "divide"),
+    "torque-unit": ("experiment", "[recording.torque]", "scale", "divide"),
     "swapped-torques": ("experiment", "[recording.torque]", "columns", "exchange"),
     "swapped-positions": ("experiment", "[recording.position]", "columns", "exchange"),
     "unit": ("experiment", "[recording.position]", "unit", "set"),

@@ -76,7 +76,7 @@ class Products:
     scale : (p,) array
         Norms of the columns.
     given : (p,) array or None
-        Parameters that are known: nothing is fitted then.
+        Parameters that are known, NaN for those that are fitted beside them; None where all are fitted.
     """
 
     g: Array
@@ -146,9 +146,27 @@ class Products:
         for joint, columns in enumerate(parts[k] for k in part_of):
             g, h = whole.g[joint, 0][np.ix_(columns, columns)], whole.h[joint, :, 0][:, columns]
             known = None if self.given is None else (self.given * self.scale)[columns]
-            beta = solved(g.copy(), h.T).T if known is None else known[None]
+            beta = beside(g.copy(), h.T, known).T
             errors[joint] = y - 2.0 * np.sum(h * beta, axis=1) + np.sum(beta @ g * beta, axis=1)
         return _above_rounding(errors, y)
+
+    def factor(self) -> float:
+        """Return the factor of all torques over those of known parameters, beside what is fitted; NaN where nothing is known.
+
+        Weighted by the torques of the channels: ``y = s W_k g + W_f theta`` is linear in s.
+        """
+        if self.given is None:
+            return float("nan")
+        known = np.where(np.isnan(self.given), 0.0, self.given * self.scale)
+        basis = np.column_stack([known, np.eye(len(known))[:, np.isnan(self.given)]])
+        whole, own = self._in_sample, np.arange(self.n)
+        v = 1.0 / np.maximum(whole.y[:, 0], np.finfo(float).tiny)
+        gram = basis.T @ np.tensordot(v, whole.g[:, 0], 1) @ basis
+        return float(solved(gram, basis.T @ (v @ whole.h[own, own, 0]))[0])
+
+    def knowing(self, given: Array) -> Products:
+        """Return the products with other known parameters, (p,), NaN for those that are fitted."""
+        return Products(self.g, self.h, self.y, self.scale, given)
 
     @cached_property
     def _in_sample(self) -> Products:
@@ -270,7 +288,20 @@ class Part:
         return _above_rounding(error, y)
 
     def _solved(self, gram: Array, right: Array) -> Array:
-        return solved(gram, right) if self.given is None else self.given
+        return beside(gram, right, self.given)
+
+
+def beside(gram: Array, right: Array, given: Array | None) -> Array:
+    """Return the solution as `solved` beside known parameters, (p,), NaN for those that are fitted; None for none."""
+    if given is None:
+        return solved(gram, right)
+    free = np.isnan(given)
+    known = np.where(free, 0.0, given)
+    solution = np.repeat(known[:, None], right.shape[1], axis=1) if right.ndim > 1 else known
+    if free.any():
+        rest = right[free] - (gram[free] @ known)[(...,) + (None,) * (right.ndim - 1)]
+        solution[free] = solved(np.ascontiguousarray(gram[np.ix_(free, free)]), rest)
+    return solution
 
 
 def solved(gram: Array, right: Array) -> Array:

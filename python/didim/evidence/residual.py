@@ -24,8 +24,8 @@ from ..robot.robot import Robot
 from ..signal.decimation import row_values
 from ..signal.noise import noise_correlation, row_noise
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment
 from ..signal.spikes import alone, without_lone
+from ..signal.window import Window
 from .thresholds import (
     FEWEST_SPIKES,
     NEGLIGIBLE,
@@ -79,7 +79,7 @@ def residual_of(
     robot: Robot,
     logs: LogParameters,
     beta: Array,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     system: LinearSystem | None = None,
 ) -> Residual:
@@ -105,7 +105,7 @@ def residual_of(
     blocks = stacked(
         robot.n_dof,
         [errors_of_joint.shape[1] for errors_of_joint in errors],
-        places=[(part.recording, part.window) for part in parts],
+        places=[(part.recording, part.number) for part in parts],
         correlation=noise_correlation(signal),
     )
     return Residual(
@@ -148,7 +148,7 @@ def size_finding(grade: Grade, share: float, shares: Array, **facts: bool) -> Fi
 
 
 def spike_findings(
-    parts: Sequence[Segment], signal: SignalProcessing, fewest: int | None = None
+    parts: Sequence[Window], signal: SignalProcessing, fewest: int | None = None
 ) -> list[Finding]:
     """Return a finding where single samples of the torques stand alone, by their effect or so many; none once they are replaced."""
     if signal.spikes is not None:

@@ -27,7 +27,7 @@ from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.noise import row_noise
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, stretches
+from ..signal.window import Window, stretches
 from .products import BLOCKS, Declared, Products
 from .screen import MOTION, Screen, ScreenedRows
 from .thresholds import HINT
@@ -70,12 +70,12 @@ class LogRows(Declared):
         As declared; terms of load friction, which are not linear, are left out.
     signal : SignalProcessing
         Decimation.
-    parts : sequence of Segment
+    parts : sequence of Window
         Filtered windows of the log.
     recordings : sequence of Recording
         What they were read from, where units, sides and rates are asked too.
     known : (p,) array, optional
-        Base parameters that are known: nothing is fitted then.
+        Values of the columns that are known, NaN for those that are fitted beside them.
     logs : LogParameters, optional
         What the logs have beside the robot: its columns stand behind the base columns, and what is known of payloads is one more,
         whose factor is free.
@@ -107,7 +107,7 @@ class LogRows(Declared):
         self,
         robot: Robot,
         signal: SignalProcessing,
-        parts: Sequence[Segment],
+        parts: Sequence[Window],
         recordings: Sequence[Recording] = (),
         known: Array | None = None,
         logs: LogParameters | None = None,
@@ -181,7 +181,8 @@ class LogRows(Declared):
             Screen(self.robot, motion, self._whole(step)),
             self.w[:, ::step, self.logs.n_base :],
             self.y[:, ::step],
-            None if self.known is None else self.robot.base_parameters.lift(self.known),
+            None if self.known is None else self.robot.base_parameters.lift(self.known[: self.logs.n_base]),
+            None if self.known is None else self.known[self.logs.n_base :],
         )
 
     def rough(self, hypothesis: Hypothesis) -> float:
@@ -210,6 +211,12 @@ class LogRows(Declared):
             return np.full(self.n, math.inf)
         return columns.products.seen(*hypothesis.channels)
 
+    def knowing(self, known: Array, columns: Array | None = None) -> Products:
+        """Return the products with other known values, (p + m,), NaN for fitted ones, and with further columns, (n, n_rows, m)."""
+        if columns is None:
+            return self.products.knowing(known)
+        return Products.of(np.concatenate([self.w, columns], axis=2), self.y, given=known)
+
     def exact(self, hypothesis: Hypothesis) -> Columns | None:
         """Return columns as those of a fit, (n, n_rows, p), names and products; None where they cannot be computed."""
         if not hypothesis.needs_columns:
@@ -222,7 +229,7 @@ class LogRows(Declared):
         channels = w if hypothesis.torque is None else np.tensordot(hypothesis.torque, w, 1)
         return Columns(w, names, Products.of(channels, self.y, given=self.known))
 
-    def _moved(self, hypothesis: Hypothesis) -> list[Segment]:
+    def _moved(self, hypothesis: Hypothesis) -> list[Window]:
         if hypothesis.position is None and hypothesis.rate == 1.0:
             return self.parts
         a = np.eye(self.n) if hypothesis.position is None else hypothesis.position.T
@@ -285,7 +292,7 @@ class LogRows(Declared):
         """Return the columns of all standard parameters on every `step`-th row, (n, n_rows, m), as those of a fit."""
         return np.asarray(self.w[:, ::step, : self.logs.n_base] @ self.robot.base_parameters.matrix)
 
-    def _system(self, robot: Robot, parts: Sequence[Segment]) -> tuple[Array, Array, tuple[str, ...]]:
+    def _system(self, robot: Robot, parts: Sequence[Window]) -> tuple[Array, Array, tuple[str, ...]]:
         """Return base columns, (n, rows, p), and torques, (n, rows), as those of a fit, before they are thinned out."""
         logs = replace(self.logs, robot=robot)
         system = linear_system(robot, parts, self.signal, logs.select({}, ()), logs=logs)
@@ -309,7 +316,7 @@ def _linear(logs: LogParameters, robot: Robot) -> LogParameters:
     return replace(logs, robot=robot, columns=columns, known=known)
 
 
-def samples_wanted(signal: SignalProcessing, parts: Sequence[Segment]) -> int:
+def samples_wanted(signal: SignalProcessing, parts: Sequence[Window]) -> int:
     """Return how many samples hypotheses are tried on."""
     rows = ROWS + 6 * signal.edge_rows * max(1, len(parts))
     return max(SAMPLES, rows * math.prod(signal.decimation))

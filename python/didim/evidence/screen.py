@@ -113,14 +113,15 @@ class ScreenedRows:
         Columns of parameters that the logs have beside the robot, which are about the same for another one.
     torque : (n_dof, n_rows) array
         Torques.
-    given : (p,) array or None
-        Standard parameters that are known: nothing is fitted then.
+    given, given_further : (p,), (m,) array or None
+        Standard parameters and further ones that are known, NaN for those that are fitted; None where all are.
     """
 
     screen: Screen
     further: Array
     torque: Array
     given: Array | None
+    given_further: Array | None = None
     _latest: dict[tuple[object, ...], tuple[Hypothesis, Products]] = field(default_factory=dict)
 
     def of_limb(self, limb: Limb) -> ScreenedRows:
@@ -128,6 +129,7 @@ class ScreenedRows:
         at, rows = np.array(limb.joints), np.arange(self.torque.shape[1])
         motion = [values.T[at] for values in self.screen.motion]
         further = self.further[at]
+        own = further.any(axis=(0, 1))
         return ScreenedRows(
             Screen(
                 limb.robot,
@@ -135,9 +137,10 @@ class ScreenedRows:
                 self.screen.exact[np.ix_(at, rows, limb.indices)],
                 np.flatnonzero(np.isin(limb.indices, self.screen.base)).tolist(),
             ),
-            further[:, :, further.any(axis=(0, 1))],
+            further[:, :, own],
             self.torque[at],
             None if self.given is None else self.given[limb.indices],
+            None if self.given_further is None else self.given_further[own],
         )
 
     def ratios(self, hypothesis: Hypothesis) -> Array:
@@ -168,6 +171,8 @@ class ScreenedRows:
         w = w if mixing is None else np.tensordot(mixing, w, 1)
         whole = w.shape[2] == self.screen.exact.shape[2]
         given = self.given if self.given is None or whole else self.given[self.screen.base]
+        if given is not None and self.given_further is not None:
+            given = np.concatenate([given, self.given_further])
         columns = np.concatenate([w, self.further], axis=2) if self.further.shape[2] else w
         return Products.of(columns, self.torque, 1, given)
 

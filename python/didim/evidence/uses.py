@@ -24,7 +24,7 @@ from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment
+from ..signal.window import Window
 from .residual import Residual
 from .thresholds import KNOWN_PERCENT, SIZE_DOUBTFUL
 
@@ -57,7 +57,7 @@ class Motions:
     ddq: Array
 
     @classmethod
-    def like(cls, parts: Sequence[Segment]) -> Motions:
+    def like(cls, parts: Sequence[Window]) -> Motions:
         """Return states like those of a log, the same ones for the same log."""
         rng = np.random.default_rng(0)
         q, dq, ddq = (np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "dq", "ddq"))
@@ -108,7 +108,7 @@ def noise_covariance(fit: Identification) -> Array:
 def uses_of(
     robot: Robot,
     fit: Identification,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     residual: Residual,
     signal: SignalProcessing,
     growth: float,
@@ -120,7 +120,7 @@ def uses_of(
     ----------
     robot, fit
         Whose parameters.
-    parts : sequence of Segment
+    parts : sequence of Window
         Filtered windows of the log.
     residual : Residual
         What the result leaves of its torques.
@@ -212,7 +212,7 @@ def _uncertain(fit: Identification, moving: Spread) -> list[Finding]:
 
 def payload_std(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     residual: Residual,
     signal: SignalProcessing,
     system: LinearSystem | None = None,

@@ -6,6 +6,7 @@ Tested in ``tests/test_excitation_files.py``: each is read back.
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -123,7 +124,7 @@ def urscript(design: Excitation) -> Iterator[str]:
 def joint_trajectory(design: Excitation) -> Iterator[str]:
     """Message ``trajectory_msgs/JointTrajectory`` of ROS 2 as YAML."""
     t, q, dq, ddq = design.sampled()
-    yield from ("joint_names:", *(f"- {name}" for name in joint_names(design.robot)), "points:")
+    yield from ("joint_names:", *(f"- {json.dumps(name)}" for name in joint_names(design.robot)), "points:")
     for at, position, velocity, acceleration in zip(t, q, dq, ddq, strict=True):
         nanoseconds = round(at * 1e9)
         yield f"- positions: {_numbers(position)}"

@@ -15,12 +15,13 @@ from .._tools.arrays import Array
 from ..errors import ExcitationError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
+from ..experiment.loop import windows
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
 from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
-from ..signal.segments import Segment, segments
+from ..signal.window import Window
 from .settings import Prior
 
 
@@ -85,16 +86,15 @@ def at_reference_temperature(robot: Robot) -> Robot:
     return robot if len(terms) == len(robot.friction.terms) else robot.with_terms(terms)
 
 
-def _fitted(source: Experiment | str | Path, robot: Robot) -> tuple[Experiment, list[Segment]]:
-    """Return an experiment of a robot, and the segments of its recordings that are not held out."""
+def _fitted(source: Experiment | str | Path, robot: Robot) -> tuple[Experiment, list[Window]]:
+    """Return an experiment of a robot, and the windows of its recordings that are not held out."""
     experiment = experiment_of(source)
     if at_reference_temperature(experiment.robot).parameter_names != robot.parameter_names:
         raise ExcitationError(
             f"experiment {experiment.name!r} is for robot {experiment.robot.name!r} with other parameters than robot "
             f"{robot.name!r}; is it the same robot with the same friction?"
         )
-    recordings = [each for each in experiment.recordings if each.role == "fit"]
-    return experiment, [part for each in recordings for part in segments(each, experiment.signal)]
+    return experiment, windows(experiment)
 
 
 def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float) -> Array:

@@ -33,7 +33,7 @@ from ..robot.robot_file import PACKAGED, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
-from .draft_filters import MOTOR_BETTER, Filters, choose_filters, error_sentence, motor_ratio, sentence_of
+from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
@@ -233,7 +233,7 @@ def _motors_or_degrees(
         for side in sides:
             motor = written(replace(options, sides={**options.sides, **motors, "torque": side}))
             error = None if motor.filters is None else motor.filters.error
-            if error is not None and error < MOTOR_BETTER * before:
+            if error is not None and error < before:  # no number was fitted to say so
                 motor.draft.read.append(f"positions are those of the motors: {as_degrees}")
                 return motor
     ratio = motor_ratio(robot, degrees.recordings, degrees.filters.signal, before)  # type: ignore[union-attr]

@@ -26,8 +26,8 @@ from ..regression.selection import select
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, segments
 from ..signal.spectrum import contiguous_band, motion_band
+from ..signal.window import Window, windows_of
 
 CUTOFF_TIMES = 20.0
 """Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
@@ -137,7 +137,7 @@ def motor_ratio(
     from scipy.optimize import minimize_scalar
 
     try:
-        parts = [part for recording in recordings for part in segments(recording, signal)]
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
     except DidimError:
         return None
 
@@ -196,13 +196,13 @@ def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
 def relative_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
     """Return the relative error of IDIM-LS on recordings, that of its result; None where there is none."""
     try:
-        parts = [part for recording in recordings for part in segments(recording, signal)]
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
     except DidimError:
         return None
     return _relative_error(robot, parts, signal)
 
 
-def _relative_error(robot: Robot, parts: Sequence[Segment], signal: SignalProcessing) -> float | None:
+def _relative_error(robot: Robot, parts: Sequence[Window], signal: SignalProcessing) -> float | None:
     try:
         system = linear_system(robot, parts, signal, select(robot, {}, ()))
         fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # the errors alone are used
@@ -215,7 +215,7 @@ def _relative_error(robot: Robot, parts: Sequence[Segment], signal: SignalProces
 def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
     """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None."""
     try:
-        parts = [part for recording in recordings for part in segments(recording, signal)]
+        parts = [part for recording in recordings for part in windows_of(recording, signal)]
         system = linear_system(robot, parts, signal, select(robot, {}, ()))
     except DidimError:
         return None

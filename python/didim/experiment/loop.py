@@ -1,24 +1,27 @@
-"""The closed loop of an experiment, over a window of a recording or over its own length.
+"""The windows of an experiment, and its closed loop over one of them or over its own length.
 
 Tested in ``tests/test_closed_loop.py``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .._tools.arrays import Array
-from ..errors import DidimError, ExperimentError
+from ..errors import DidimError, ExperimentError, FitError
 from ..log.recording import Recording
 from ..loop.closed_loop import ClosedLoop
 from ..loop.controller import Controller
 from ..loop.memory import BALANCE, ZERO, ControllerMemory, memory_of_log, remembers
 from ..loop.reference import Reference
 from ..robot.robot import Robot
+from ..signal.align import Shift
 from ..signal.noise import white_noise
 from ..signal.processing import SignalProcessing
-from ..signal.segments import motion_of
 from ..signal.spikes import without_spikes
+from ..signal.window import Along, Window, motion_of, windows_of
 from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
 
@@ -27,6 +30,84 @@ LEAST_NOISE_SAMPLES = 50
 MOST_DECLARED = 3_000_000
 """Largest number of recorded values per quantity of a run whose length the file declares: a few bytes can take most of a
 gigabyte. The log of a long recording is a large file itself."""
+
+
+def recordings_of(experiment: Experiment, role: str = "fit") -> list[tuple[int, Recording]]:
+    """Return the recordings of a role with their numbers.
+
+    Raises
+    ------
+    FitError
+        Without one to fit (``test_identify.py``).
+    """
+    every = enumerate(experiment.recordings)
+    recordings = [(number, recording) for number, recording in every if recording.role == role]
+    if role == "fit" and not recordings:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    return recordings
+
+
+def windows(
+    log: Experiment,
+    signal: SignalProcessing | None = None,
+    *,
+    role: str = "fit",
+    along: Along = "measured",
+    delay: Shift = 0.0,
+    hold_s: float = 0.0,
+) -> list[Window]:
+    """Return the windows of an experiment's recordings, as every method takes them.
+
+    Parameters
+    ----------
+    log : Experiment
+        With recordings.
+    signal : SignalProcessing, optional
+        Filter and trimming; those of the experiment by default.
+    role : {"fit", "held-out"}
+        Role of the recordings.
+    along : {"measured", "simulated", "outputs"}
+        Along the measured motion, filtered; along that of the closed loop, which is attached; or with raw outputs beside it.
+    delay : float or sequence of float
+        Delay of the torques (samples), which is taken back: of all joints, or of each.
+    hold_s : float
+        Sample time (s) of a digital controller whose hold is compensated (`didim.signal.align.hold_samples`).
+
+    Returns
+    -------
+    list of Window
+        In the order of the recordings: ``q dq ddq tau``, (n_samples, n_dof) each, SI units, joint side.
+
+    Raises
+    ------
+    FitError
+        Without a recording to fit, without torques, or when trimming leaves nothing of a window.
+    ExperimentError
+        Without the closed loop that `along` needs.
+    SignalError
+        When the filter cannot be applied; the message names recording and window.
+
+    Notes
+    -----
+    ``test_windows.py`` cuts by hand, and compares what methods take.
+    """
+    return [
+        window
+        for number, recording in recordings_of(log, role)
+        for window in windows_of(
+            recording,
+            log.signal if signal is None else signal,
+            number=number,
+            along=along,
+            delay=delay,
+            hold_s=hold_s,
+            loop=None if along == "measured" else _loops(log, recording),
+        )
+    ]
+
+
+def _loops(log: Experiment, recording: Recording) -> Callable[[tuple[int, int]], ClosedLoop]:
+    return lambda span: closed_loop(log, recording, span)
 
 
 def closed_loop(

@@ -14,15 +14,19 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..errors import FitError
+from ..regression.consistent.nearest import FEWEST_DRAWS
 from ..result.identification import Identification
 from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 from ..robot.urdf.reading import URDF_SET
 
-GAMMA_KNOWN = 1.0
-"""Weight (nats) of a prior that describes this robot, such as its URDF: a link with a tenth of the volume is 2.3 nats away from
-it. On a simulated UR10e it brings the masses, which the log does not identify, within 8 % of the truth and leaves the error of
-the base parameters unchanged (docs/ur10e.md)."""
+GAMMAS_KNOWN = (1.0, 10.0, 100.0, 1000.0)
+"""Weights (nats) of a prior that describes this robot, such as its URDF: a link with a tenth of the mass is some 2.3 of them away
+from it. The largest holds masses within 3 %, and is taken unless the log contradicts it."""
+NOISE = 1.0
+"""Largest squared distance to the estimate for each parameter (in variances) that is noise of the estimate: beyond it the log
+contradicts the prior. A UR5e that is its URDF has 0.4 with the largest weight, a UR10e with other masses and a tool 0.7 with the
+second and 6.8 with the third."""
 
 GAMMA_GENERIC = 0.01
 """Weight (nats) of a prior that only knows the size of the arm: it only affects parameters that the log does not identify."""
@@ -75,15 +79,21 @@ def consistent_parameters(
         raise FitError(f"result {fit.name!r}: its base parameters are not those of robot {robot.name!r}")
     if prior is None:
         prior = URDF_SET if URDF_SET in robot.sets else "generic"
-    weight = GAMMA_GENERIC if prior == "generic" else GAMMA_KNOWN
-    nearest = fit.consistent(prior, gamma=weight, robot=robot)
     known = fit.std > 0.0
+    generic = prior == "generic"
+    # What the log tells is told by a prior that hardly holds it.
+    told = nearest = fit.consistent(prior, gamma=GAMMA_GENERIC if generic else GAMMAS_KNOWN[0], robot=robot)
+    for weight in () if generic else GAMMAS_KNOWN[1:]:
+        near = fit.consistent(prior, gamma=weight, robot=robot, draws=FEWEST_DRAWS)
+        if 2.0 * near.settings["consistent"]["half_distance"] > NOISE * np.count_nonzero(known):
+            break
+        nearest = near
     difference = (nearest.beta - fit.beta)[known] / fit.std[known]
     return ConsistentParameters(
         x=nearest.parameters,
         prior=prior,
         sigmas=float(np.sqrt(np.mean(difference**2))),
-        from_prior=parameters_from_prior(nearest, robot),
+        from_prior=parameters_from_prior(told, robot),
     )
 
 

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.words import series
+from .._tools.words import did_you_mean, series
 from ..errors import FitError
 from ..result.identification import Identification
 from ..robot.friction import Friction
 from ..robot.parameter_file import is_file, load_parameters
+from ..robot.payload import carrying_joint, payload_columns
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
+from ..robot.urdf.reading import URDF_SET
 from .bodies import PLACED, export_model
 from .consistent import consistent_parameters, parameters_from_prior
 
@@ -50,6 +52,7 @@ def exported_parameters(
     urdf: Path | None,
     prior: str | None = None,
     further_terms: bool = False,
+    payload: str | None = None,
 ) -> Source:
     """Find robot and parameters for ``didim export``.
 
@@ -68,11 +71,14 @@ def exported_parameters(
         exported unchanged if they belong to bodies.
     further_terms : bool
         Export the friction of a result with its smoothing and dead zones, for formats that have a place for them.
+    payload : str, optional
+        Payload of the result that becomes a part of the link which carries it, or "none". By default none, and a note says so.
 
     Raises
     ------
     FitError
-        When the robot is not found or is not that of the result, or no consistent parameters are near the result.
+        When the robot is not found or is not that of the result, no consistent parameters are near the result, or it has no such
+        payload.
     RobotError
         When the robot cannot be read, or has no such set.
     OSError
@@ -91,15 +97,43 @@ def exported_parameters(
     x, notes = _by_name(result, result.parameters, model, fit)
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
-    if prior is None and _are_bodies(model, x):
-        return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
+    load, about = carried(result, model, payload)
+    if prior is None and _are_bodies(model, x) and not _open_to(result, model):
+        told = parameters_from_prior(result, model)
+        return Source(model, x + load, (*model.notes, *notes, *about), told)
     chosen = consistent_parameters(result, model, prior)
     x, _ = _by_name(result, chosen.x, model, fit)
     notes.append(
         f"physically consistent parameters near the prior {chosen.prior!r}: {chosen.sigmas:.2g} standard deviations rms from the "
         "estimate"
     )
-    return Source(model, x, (*model.notes, *notes), chosen.from_prior)
+    return Source(model, x + load, (*model.notes, *notes, *about), chosen.from_prior)
+
+
+def carried(fit: Identification, robot: Robot, payload: str | None) -> tuple[Array, list[str]]:
+    """Return what a payload adds to the standard parameters of a robot, (p,), and sentences on the payloads of a result.
+
+    Raises
+    ------
+    FitError
+        For a payload that the result does not have (``tests/test_export_payload.py``).
+    """
+    known = {} if fit.further is None else dict(fit.further.payloads)
+    if payload not in (None, "none") and payload not in known:
+        has = f"it has {series(known, 30)}" if known else "it has none"
+        raise FitError(f"the result has no payload {payload!r}: {has}{did_you_mean(str(payload), known)}")
+    load, sentences = np.zeros(len(robot.parameter_names)), list[str]()
+    for name, each in known.items():
+        assert fit.further is not None
+        ten, _ = fit.further.ten(name)
+        mass = f"payload '{name}' ({ten[9]:.3g} kg)"
+        if name == payload:
+            load = payload_columns(robot, each, fit.further.flange) @ ten
+            sentences.append(f"{mass} is a part of {robot.joint_label(carrying_joint(robot, each))}'s link")
+        else:
+            more = "" if payload else f"; --payload {name} makes it a part of its link"
+            sentences.append(f"{mass} is left out{more}")
+    return load, sentences
 
 
 def _with_friction(robot: Robot, fit: Identification, *, as_fitted: bool) -> Robot:
@@ -157,6 +191,13 @@ def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[A
     left = [name for name in further if values[name]]
     notes = [f"further friction terms are left out: {series(left)}"] if left else []
     return np.array([values[name] for name in robot.parameter_names]), notes
+
+
+def _open_to(result: Identification, robot: Robot) -> bool:
+    """Whether bodies of a result have a generic prior where the robot's own file says more."""
+    own = result.settings.get("consistent", {}).get("prior")
+    own_names = result.names == robot.base_parameters.names
+    return own_names and URDF_SET in robot.sets and own in (None, "generic") and bool(result.std.any())
 
 
 def _are_bodies(robot: Robot, x: Array) -> bool:

@@ -17,6 +17,7 @@ from .._tools.version import __version__
 from ..evidence.physics import physical_findings
 from ..evidence.whiteness import whiteness, whiteness_findings
 from ..experiment.experiment import Experiment
+from ..experiment.loop import recordings_of
 from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
@@ -34,8 +35,8 @@ from ..result.status import Status
 from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
-from ..signal.segments import Segment
-from .job import Delay, Job, recordings_of
+from ..signal.window import Window
+from .job import Delay, Job
 from .method import Described
 from .position_errors import position_shift
 from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
@@ -208,6 +209,7 @@ def _split(
         std_white=white,
         payloads={name: recording for name, recording in job.experiment.payloads.items() if name in used},
         reference=job.parameters.reference,
+        flange=job.experiment.flange,
     )
 
 
@@ -217,7 +219,7 @@ def fitted(
     fit: Fit,
     *,
     beta: Array | None = None,
-    parts: Sequence[Segment] = (),
+    parts: Sequence[Window] = (),
 ) -> Identification:
     """Build the result of a run that ends with the solution of a system (7); see `identification`.
 
@@ -255,7 +257,7 @@ def fitted(
 
 
 def _with_model_errors(
-    run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment], spread: Spread
+    run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Window], spread: Spread
 ) -> Spread:
     """Return a spread with the shifts by missing friction and errors of positions, and the friction of parameters that exchange."""
     job, recordings = run.job, run.job.experiment.recordings
@@ -271,7 +273,7 @@ def _with_model_errors(
     errors = sampling_errors(job.robot, parts, standard, load) if steps else []
     step = np.max(list(steps.values()), axis=0) if steps else None
     alarm = friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
-    moved = position_shift(job, system, fit, parts, run.delay, steps)
+    moved = position_shift(job, system, fit, parts, steps)
     spread = with_shifts(spread, alarm, moved, job.selection)
     return with_exchanges(spread, job.robot, parts, load, x, system.names)
 

@@ -15,11 +15,11 @@ import numpy as np
 from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..experiment.loop import recordings_of
 from ..regression.friction.candidates import LEAST_WARMING
 from ..regression.friction.choice import FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..signal.noise import encoder_step
-from .job import recordings_of
 from .method import Method, MethodSettings
 
 REFUSED = {

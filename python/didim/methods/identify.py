@@ -15,6 +15,7 @@ from ..evidence.judge import judged
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
 from ..log.recording import Recording
+from ..regression.linear_system import LinearSystem
 from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
@@ -82,6 +83,41 @@ def identify(
 
     method = method.for_logs(experiment) if isinstance(method, FitSettings) else method
     return identify_as(method.name, experiment, method, callback, verbose)
+
+
+def rows(
+    experiment: Experiment | str | Path, method: Method | type[Method] | str | None = None
+) -> LinearSystem:
+    """Return the rows of (7) of an experiment, along its measured motion.
+
+    They are those of a method's settings: the first that DIDIM's start and IDIM-LS solve.
+
+    Parameters
+    ----------
+    experiment : Experiment or path
+        Log with its robot.
+    method : method, class or str, optional
+        Its filters, delay, friction, fixed and dropped parameters; IDIM-LS by default.
+
+    Returns
+    -------
+    LinearSystem
+        ``w`` (r, n), ``y`` (r,) in N.m or N, joint side (A, motor side, where drive gains are unknown), ``names`` of the columns,
+        and ``blocks``: the rows of each joint in each window.
+
+    Raises
+    ------
+    DidimError
+        As for `identify`.
+
+    Notes
+    -----
+    ``test_windows.py`` solves them.
+    """
+    method = method_of("idim-ls" if method is None else method)
+    experiment, _ = with_known_friction(method, experiment_of(experiment, None), lambda text: None)
+    job = (method if isinstance(method, MethodSettings) else MethodSettings()).job(experiment)
+    return job.system(job.parts("fit", job.delay()))
 
 
 def identify_as(

@@ -11,6 +11,7 @@ import numpy as np
 from .._tools.arrays import Array, quotient, ratio
 from ..errors import FitError, SignalError
 from ..experiment.experiment import Experiment
+from ..experiment.loop import recordings_of, windows
 from ..experiment.specs import ControllerSpec
 from ..log.recording import Recording
 from ..model.dynamics import inverse_dynamics
@@ -25,9 +26,8 @@ from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
 from ..result.iteration import HeldOut
 from ..robot.robot import Robot
-from ..signal.align import hold_samples
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, at_place, segments
+from ..signal.window import Window, at_place, windows_of
 
 CUTOFFS = (1.0, 2.0, 4.0)
 """Cut-offs for the delay estimate, as multiples of the fit's; the best is used, because a filter that rounds off reversals
@@ -54,13 +54,6 @@ class Delay:
     samples: float | tuple[float, ...] = 0.0
     hold_s: float = 0.0
     estimate: DelayEstimate | None = None
-
-    def measured(self, rate_hz: float) -> float | tuple[float, ...]:
-        """Return the shift of the torque relative to measured motion, in samples at a rate."""
-        hold = hold_samples(self.hold_s, rate_hz)
-        if isinstance(self.samples, tuple):
-            return tuple(value - hold for value in self.samples)
-        return self.samples - hold
 
     def record(self) -> dict[str, Any]:
         """Return the record of the delay for a result."""
@@ -108,7 +101,7 @@ class MeasuredRows:
         Experiment and settings.
     delay : Delay
         Compensated delay.
-    parts : sequence of Segment
+    parts : sequence of Window
         Windows of the recordings of the fit.
     system : LinearSystem
         Their rows.
@@ -116,7 +109,7 @@ class MeasuredRows:
 
     job: Job
     delay: Delay
-    parts: Sequence[Segment]
+    parts: Sequence[Window]
     system: LinearSystem
 
     def along(self, job: Job, delay: Delay) -> bool:
@@ -151,15 +144,11 @@ class Job:
     solver: Solver
     parameters: LogParameters
 
-    def parts(self, role: str, delay: Delay = NO_DELAY) -> list[Segment]:
+    def parts(self, role: str, delay: Delay = NO_DELAY) -> list[Window]:
         """Return the filtered windows of a role's recordings, with compensation of a delay."""
-        return [
-            part
-            for number, recording in recordings_of(self.experiment, role)
-            for part in segments(recording, self.signal, delay.measured(recording.rate_hz), number=number)
-        ]
+        return windows(self.experiment, self.signal, role=role, delay=delay.samples, hold_s=delay.hold_s)
 
-    def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
+    def system(self, parts: Sequence[Window], beta: Array | None = None) -> LinearSystem:
         """Return the linear system (7) of filtered windows.
 
         Load friction needs the torque of links and rotors, computed from the base parameters `beta`, (b,), or by default from
@@ -243,12 +232,12 @@ class Job:
         return min(estimates, key=lambda estimate: estimate[1])[0]
 
     def _estimated_delay(self, moved: Moved) -> tuple[DelayEstimate, float]:
-        def observe(parts: Sequence[Segment]) -> Observed:
+        def observe(parts: Sequence[Window]) -> Observed:
             system = self.system(parts)
             solution, weights = self.estimate(system)
             return Observed(system, weights, solution)
 
-        def torque(part: Segment, solution: Array) -> Array:
+        def torque(part: Window, solution: Array) -> Array:
             x = self.parameters.standard(self.lift(solution), part.recording)
             return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
 
@@ -270,7 +259,7 @@ class Job:
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
         """
         robot = self.experiment.robot
-        parts = segments(recording, self.signal, delay.measured(recording.rate_hz))
+        parts = windows_of(recording, self.signal, delay=delay.samples, hold_s=delay.hold_s)
         system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
@@ -293,21 +282,6 @@ class Job:
                 )
             )
         return by_recording
-
-
-def recordings_of(experiment: Experiment, role: str = "fit") -> list[tuple[int, Recording]]:
-    """Return the recordings of a role with their numbers.
-
-    Raises
-    ------
-    FitError
-        Without one to fit (``test_identify.py``).
-    """
-    every = enumerate(experiment.recordings)
-    recordings = [(number, recording) for number, recording in every if recording.role == role]
-    if role == "fit" and not recordings:
-        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
-    return recordings
 
 
 def sample_time_s(experiment: Experiment) -> float:

@@ -29,8 +29,8 @@ from ..regression.recursive import Recursive
 from ..regression.selection import select
 from ..signal.decimation import decimation_stages, least_samples
 from ..signal.processing import SignalProcessing
-from ..signal.segments import segments
 from ..signal.spikes import WINDOW
+from ..signal.window import windows_of
 from .idim_ls import IDIMLS
 from .job import Job
 
@@ -72,7 +72,8 @@ def fold_log(path: str | Path, *, rows: int = ROWS) -> Recursive:
     job = log.job
     recursive = Recursive(job.robot, fixed=job.fixed, dropped=job.dropped)
     for piece, inside in log.pieces():
-        (part,) = segments(piece, job.signal, job.declared_delay.measured(piece.rate_hz))
+        delay = job.declared_delay
+        (part,) = windows_of(piece, job.signal, delay=delay.samples, hold_s=delay.hold_s)
         system = linear_system(job.robot, [part], job.signal, select(job.robot, {}, ()))
         w = system.w.reshape(job.robot.n_dof, -1, system.w.shape[1]).transpose(1, 0, 2)
         recursive.update_rows(w[inside], system.y.reshape(job.robot.n_dof, -1).T[inside])
@@ -122,7 +123,9 @@ class _Log:
         for table, first in zip(self._tables, self._recordings, strict=True):
             whole = Table(table, first.name, ExperimentError)
             count = min(self._files[str(part["file"])].count for key in SOURCES if (part := table.get(key)))
-            delay = np.abs(self.job.declared_delay.measured(first.rate_hz)).max()
+            delay = (
+                np.abs(self.job.declared_delay.samples).max() + 0.5
+            )  # and the hold, of half a sample at most
             overlap = _overlap(self.job.signal, first.rate_hz) + math.ceil(delay)
             for window in slices(whole, table.get("windows_s", []), first.rate_hz, count) or ((0, count),):
                 for start, stop, inside in _cuts(window, self.job.signal, overlap, self._rows):

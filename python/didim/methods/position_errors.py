@@ -23,20 +23,18 @@ from .._tools.arrays import Array
 from ..model.dynamics import inverse_dynamics
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem, linear_system, unit_columns
-from ..signal.align import align
 from ..signal.filters import derivatives, differentiate
 from ..signal.noise import white_noise
-from ..signal.segments import Segment, trimmed
 from ..signal.steps import between_steps, smoothed
-from .job import Delay, Job
+from ..signal.window import Window
+from .job import Job
 
 
 def position_shift(
     job: Job,
     system: LinearSystem,
     fit: Fit,
-    parts: Sequence[Segment],
-    delay: Delay,
+    parts: Sequence[Window],
     steps: Mapping[int, Array],
 ) -> Array:
     """Return the change of an estimate by noise and steps of the measured positions.
@@ -49,10 +47,8 @@ def position_shift(
         Equations (7) along the measured motion.
     fit : Fit
         Its solution.
-    parts : sequence of Segment
+    parts : sequence of Window
         Windows of the fit.
-    delay : Delay
-        Compensated delay, which determines the samples of a window.
     steps : mapping of int to ndarray, shape (n_dof,)
         By recording, the step of each encoder (rad or m), zero where it is not seen; empty along simulated motion.
 
@@ -67,11 +63,11 @@ def position_shift(
     """
     if not steps:
         return np.zeros_like(fit.solution)
-    return _by_noise(job, system, fit, parts, steps) + _by_steps(job, fit, parts, delay, steps)
+    return _by_noise(job, system, fit, parts, steps) + _by_steps(job, fit, parts, steps)
 
 
 def _by_noise(
-    job: Job, system: LinearSystem, fit: Fit, parts: Sequence[Segment], steps: Mapping[int, Array]
+    job: Job, system: LinearSystem, fit: Fit, parts: Sequence[Window], steps: Mapping[int, Array]
 ) -> Array:
     """Return the change by the noise of positions that lie on no grid, and of measured velocities, (n_estimated,)."""
     change = np.zeros_like(fit.solution)
@@ -89,10 +85,10 @@ def _by_noise(
     return change
 
 
-def _noisy(job: Job, part: Segment, step: Array, rng: np.random.Generator) -> Segment:
+def _noisy(job: Job, part: Window, step: Array, rng: np.random.Generator) -> Window:
     """Return a window with further noise of the same size and filter in its motion."""
     recording = job.experiment.recordings[part.recording]
-    window = slice(*recording.windows[part.window])
+    window = slice(*recording.windows[part.number])
 
     def noise(values: Array, known: Array) -> Array:
         size = np.where(known > 0.0, 0.0, white_noise(values))
@@ -109,9 +105,7 @@ def _noisy(job: Job, part: Segment, step: Array, rng: np.random.Generator) -> Se
     return replace(part, q=q, dq=dq, ddq=ddq)
 
 
-def _by_steps(
-    job: Job, fit: Fit, parts: Sequence[Segment], delay: Delay, steps: Mapping[int, Array]
-) -> Array:
+def _by_steps(job: Job, fit: Fit, parts: Sequence[Window], steps: Mapping[int, Array]) -> Array:
     """Return the change by the steps of encoders, (n_estimated,); measured velocities have no steps of positions."""
     seen = {
         number
@@ -124,7 +118,7 @@ def _by_steps(
     for part in parts:
         standard = job.parameters.standard(x, part.recording)
         if part.recording in seen:
-            rounded.append(_rounded(job, part, standard, delay, steps[part.recording]))
+            rounded.append(_rounded(job, part, standard, steps[part.recording]))
         else:
             tau = inverse_dynamics(
                 job.robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature
@@ -144,23 +138,19 @@ def _solved(a: Array, moment: Array) -> Array:
     return np.asarray(np.linalg.lstsq(a.T @ a, moment, rcond=None)[0])
 
 
-def _rounded(job: Job, part: Segment, x: Array, delay: Delay, step: Array) -> Segment:
+def _rounded(job: Job, part: Window, x: Array, step: Array) -> Window:
     """Return a window of the smoothed and rounded log, with the same samples as the measured one."""
     recording, signal = job.experiment.recordings[part.recording], job.signal
     rate = recording.rate_hz
-    start, stop = recording.windows[part.window]
+    start, stop = recording.windows[part.number]
     along = smoothed(recording.measured_positions()[start:stop], rate, signal, step)
     smooth = derivatives(along.q, rate, signal)
     grid = np.where(step > 0.0, step, 1.0)
     noise = along.noise * np.random.default_rng(0).standard_normal(along.q.shape)
     q = np.where(step > 0.0, np.round((along.q + noise) / grid) * grid, along.q)
-    warmth = () if recording.temperature is None else (recording.temperature[start:stop],)
-    tau = inverse_dynamics(job.robot, *smooth, x, temperature=warmth[0] if warmth else None)
+    warmth = None if recording.temperature is None else recording.temperature[start:stop]
+    tau = inverse_dynamics(job.robot, *smooth, x, temperature=warmth)
     # The torque is that of its sample, so it is cut with the motion instead of being moved.
-    (*motion, torque), _ = align(
-        (*differentiate(between_steps(q, rate, signal, step), rate, signal), *warmth, tau),
-        tau,
-        delay.measured(rate),
-    )
-    made = trimmed(recording, part.place, signal, motion, torque)
-    return replace(made, recording=part.recording, window=part.window)
+    motion = differentiate(between_steps(q, rate, signal, step), rate, signal)
+    made = part.along([values[part.kept] for values in motion])
+    return replace(made, tau=np.ascontiguousarray(tau[part.kept]), temperature=part.temperature)

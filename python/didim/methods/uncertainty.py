@@ -24,7 +24,7 @@ from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
 from ..robot.robot import Robot
-from ..signal.segments import Segment
+from ..signal.window import Window
 
 FEW_ROWS = 3.0
 """Rows per parameter, without one block, below which the intervals are reported as rough."""
@@ -215,7 +215,7 @@ def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selectio
 def with_exchanges(
     spread: Spread,
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     load: Sequence[Array],
     x: Array,
     names: Sequence[str],

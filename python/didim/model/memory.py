@@ -238,8 +238,8 @@ def memory_columns(
 
 
 def instantaneous(robot: Robot, dq: Array) -> Array:
-    """Compute the sign at velocities (n_samples, n_dof) alone, smooth or with its dead zone."""
+    """Compute the sign at velocities (n_samples, n_dof) alone, smooth or not, zero in its dead zone."""
     friction = robot.friction
-    if friction.coulomb == "tanh":
-        return np.asarray(np.tanh(dq / np.asarray(friction.smoothing)))
-    return np.asarray(np.sign(dq) * (np.abs(dq) > np.asarray(friction.dead_zone)))
+    smooth = friction.coulomb == "tanh"
+    sign = np.tanh(dq / np.asarray(friction.smoothing)) if smooth else np.sign(dq)
+    return np.asarray(sign * (np.abs(dq) > np.asarray(friction.dead_zone)))

@@ -30,6 +30,8 @@ class Progress:
     ----------
     total, done : int
         Number of tasks, and of tasks with a row.
+    truths : int
+        Number of these tasks that compute the truth of a scenario, and are no run.
     earlier : int
         Number of rows from earlier runs.
     failed, lost : int
@@ -40,6 +42,7 @@ class Progress:
 
     total: int
     done: int = 0
+    truths: int = 0
     earlier: int = 0
     failed: int = 0
     lost: int = 0
@@ -50,7 +53,10 @@ class Progress:
         rate = (self.done - self.earlier) / max(self.seconds, 1e-9)
         left = (self.total - self.done) / max(rate, 1e-9)
         earlier = f", {self.earlier} from before" if self.earlier else ""
-        return f"{self.done} of {self.total} rows{earlier}, {self.failed} failed, {rate:.3g} rows a second, {left:.0f} s left"
+        of = f"{self.total} rows ({self.total - self.truths} runs)" if self.truths else f"{self.total} rows"
+        return (
+            f"{self.done} of {of}{earlier}, {self.failed} failed, {rate:.3g} rows a second, {left:.0f} s left"
+        )
 
 
 def study(
@@ -115,7 +121,7 @@ def study(
             append = {key: stack.enter_context(closing(RowFile(file))).append for key, file in files.items()}
             known = read_rows(path, appended=True)
             _require_own(spec, known, path)
-        state = Progress(total=count(spec))
+        state = Progress(total=count(spec), truths=len(spec.scenarios))
         line = stack.enter_context(closing(ProgressLine(verbose is not False)))
         start = time.perf_counter()
         for result in _run(spec, known, state, executor, workers, address, window):

@@ -51,7 +51,8 @@ def friction(fit: Identification, experiment: Experiment) -> Figure:
             curve.measured[marks],
             ".",
             color=MEASURED,
-            markersize=2.5,
+            markersize=4.0,
+            markeredgewidth=0.0,
             label="log",
         )
         if not np.array_equal(curve.low, curve.high):

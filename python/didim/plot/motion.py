@@ -11,7 +11,7 @@ from ..errors import PlotError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..result.identification import Identification
-from ..signal.segments import motion_of
+from ..signal.window import motion_of
 from ..studies.prediction import Prediction, predict
 from .logs import start_of
 from .style import (

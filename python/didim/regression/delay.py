@@ -27,7 +27,7 @@ from ..errors import FitError
 from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment
+from ..signal.window import Window
 from .jackknife import Factors, intervals
 from .linear_system import LinearSystem, unit_columns
 
@@ -108,10 +108,10 @@ class Observed:
 
 
 def estimate_delay(
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
-    observe: Callable[[Sequence[Segment]], Observed],
-    torque: Callable[[Segment, Array], Array],
+    observe: Callable[[Sequence[Window]], Observed],
+    torque: Callable[[Window, Array], Array],
     rows_by_shift: Moved | None = None,
     *,
     hold_s: float = 0.0,
@@ -122,7 +122,7 @@ def estimate_delay(
 
     Parameters
     ----------
-    parts : sequence of Segment
+    parts : sequence of Window
         Aligned without compensation, of one rate.
     signal : SignalProcessing
         Filter and decimation.
@@ -198,14 +198,14 @@ class _Search:
 
     def __init__(
         self,
-        parts: Sequence[Segment],
+        parts: Sequence[Window],
         signal: SignalProcessing,
         margin: int,
-        observe: Callable[[Sequence[Segment]], Observed],
+        observe: Callable[[Sequence[Window]], Observed],
         rows_by_shift: Moved,
     ) -> None:
         self.parts, self.signal, self.margin, self.rows_by_shift = parts, signal, margin, rows_by_shift
-        self.inner = [part.cut(slice(margin, part.q.shape[0] - margin)) for part in parts]
+        self.inner = [part.part(slice(margin, part.q.shape[0] - margin)) for part in parts]
         observed = observe(self.inner)
         self.system, self.weights, self.solution = observed.system, observed.weights, observed.solution
         self.known = 0.0 if self.system.known is None else self.system.known
@@ -259,7 +259,7 @@ class _Search:
             windows.append(row_values(moved[first : first + n - 2 * self.margin], self.signal).T)
         return np.concatenate(windows, axis=1).reshape(-1)
 
-    def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
+    def _derivative(self, solution: Array, torque: Callable[[Window, Array], Array]) -> Array:
         """Return the weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
         changes = (np.gradient(torque(part, solution), axis=0) for part in self.inner)
         slopes = np.concatenate([row_values(change, self.signal).T for change in changes], axis=1)
@@ -268,7 +268,7 @@ class _Search:
             columns[rows, joint] = -slopes[joint]
         return np.asarray(columns * self.weights[:, None])
 
-    def refine(self, whole: float, torque: Callable[[Segment, Array], Array]) -> tuple[Array, Array]:
+    def refine(self, whole: float, torque: Callable[[Window, Array], Array]) -> tuple[Array, Array]:
         """Return the delay of each joint, (n_dof,), and their covariance, (n_dof, n_dof), infinite where a joint has none."""
         n, b = len(self.system.joints), self.w.shape[1]
         shift = np.full(n, whole)

@@ -28,7 +28,7 @@ from ..robot.robot import Robot
 from ..signal.decimation import Stage, decimate, decimation_stages, row_values
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, at_place
+from ..signal.window import Window, at_place
 from .block import Block, by_joint, stacked
 from .logs.parameters import LogParameters
 from .selection import Selection
@@ -36,7 +36,7 @@ from .selection import Selection
 
 def linear_system(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     selection: Selection,
     beta: Array | None = None,
@@ -48,7 +48,7 @@ def linear_system(
     ----------
     robot : Robot
         Robot with the base columns of the regressor (2).
-    parts : sequence of Segment
+    parts : sequence of Window
         At least one.
     signal : SignalProcessing
         Decimation.
@@ -113,7 +113,7 @@ def linear_system(
         blocks=stacked(
             n_dof,
             [y.shape[1] for y in y_parts],
-            places=[(part.recording, part.window) for part in parts],
+            places=[(part.recording, part.number) for part in parts],
             rates_hz=[part.rate_hz / math.prod(signal.decimation) for part in parts],
             correlation=noise_correlation(signal),
         ),
@@ -122,12 +122,12 @@ def linear_system(
     )
 
 
-def torque_rows(parts: Sequence[Segment], signal: SignalProcessing) -> Array:
+def torque_rows(parts: Sequence[Window], signal: SignalProcessing) -> Array:
     """Return the torques of segments in the rows of (7), (r,), including those of known parameters."""
     return np.concatenate([_torques(part, signal) for part in parts], axis=1).reshape(-1)
 
 
-def _torques(part: Segment, signal: SignalProcessing) -> Array:
+def _torques(part: Window, signal: SignalProcessing) -> Array:
     """Return the decimated torques of a segment, (n_dof, n_kept)."""
     with at_place(part.place):
         y = row_values(part.tau, signal).T
@@ -138,7 +138,7 @@ def _torques(part: Segment, signal: SignalProcessing) -> Array:
 
 def observation(
     robot: Robot,
-    part: Segment,
+    part: Window,
     columns: Sequence[int],
     stages: Sequence[Stage],
     beta: Array | None = None,

@@ -67,12 +67,12 @@ def picture(figure: Figure, description: str) -> Html:
 
 
 def _kind(figure: Figure, width: int, columns: int) -> str:
-    """Return "columns", "wide" for panels that are drawn anew for a phone, or "aside" for some that a phone pushes aside.
+    """Return "stacked", "wide" for panels that are drawn anew for a phone, or "aside" for some that a phone pushes aside.
 
     A map with its colour bar has too many names for a phone, and panels whose labels overlap have no place for a cut.
     """
     if columns > 1 or width <= WIDE_PX:
-        return "columns"
+        return "stacked"
     starts = {round(axes.get_position().x0, 3) for axes in figure.axes}
     return "wide" if len(starts) == 1 else "aside"
 

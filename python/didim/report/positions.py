@@ -8,7 +8,7 @@ from .._tools.words import counted
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.positions.record import PositionRecord
-from ..result.positions.table import error_table, limb_tables, shared_rows
+from ..result.positions.table import limb_tables, milli, shared_rows
 from .fit import LEVELS, provenance_section
 from .page import Html, page, paragraph, section, table, verdict
 from .picture import picture
@@ -36,9 +36,10 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
         _parameters(record),
         section(
             "Errors of positions",
-            _shown(error_table(record)),
+            _errors(experiment, record),
             picture(
-                plot.positions(fit, experiment), "Positions commanded, measured and simulated of each joint"
+                plot.positions(fit, experiment),
+                "Positions commanded, measured and simulated of each joint, and their errors",
             ),
         ),
         provenance_section(fit),
@@ -62,6 +63,16 @@ def _parameters(record: PositionRecord) -> Html:
         *(_shown(rows) for rows in limb_tables(record)),
         *([_shown(shared)] if shared else []),
     )
+
+
+def _errors(experiment: Experiment, record: PositionRecord) -> Html:
+    """Return the rms errors, a row a joint."""
+    known = {key: values for key in ("before", "after", "held_out") if (values := record.errors.get(key))}
+    rows = [
+        (experiment.robot.joint_label(joint), *(milli(values[joint]) for values in known.values()))
+        for joint in range(experiment.robot.n_dof)
+    ]
+    return _shown([("rms error (mrad, mm)", *(key.replace("_", " ") for key in known)), *rows])
 
 
 def _shown(rows: list[tuple[str, ...]]) -> Html:

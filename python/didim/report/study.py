@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from .._tools.words import counted
+from .._tools.words import counted, series
 from ..errors import PlotError
 from ..monte_carlo.results import StudyResults
 from ..monte_carlo.text import NOTES, cells
@@ -37,7 +37,12 @@ def study_page(study: StudyResults) -> str:
     sections = [verdict(level, "Study", sentence, tiles, notes), *_pictures(study), _tables(study)]
     if failed:
         sections.append(_failures(study))
-    return page(study.name, "Monte Carlo study", sections)
+    methods = series(study.methods, 80)
+    return page(
+        f"Monte Carlo study: {study.name}",
+        f"{methods} on {counted(len(study.scenarios), 'scenario')}",
+        sections,
+    )
 
 
 def _pictures(study: StudyResults) -> list[Html]:

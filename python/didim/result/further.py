@@ -15,6 +15,7 @@ from .._tools.arrays import Array
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import plain, restored, rows
 from ..regression.logs.parameters import ColumnBlock
+from ..robot.correspondence import Pose
 from ..robot.payload import Payload
 from .table import Estimates, parameter_lines, parameter_rows
 
@@ -45,6 +46,8 @@ class Further(Pickled):
         Known properties of each payload.
     reference : mapping of str to str
         Recording whose offsets (friction) are those of the robot, by kind.
+    flange : 3 x 4 tuple of float, or None
+        Pose of the flange in the robot's last own frame, where the experiment gives one.
     """
 
     blocks: tuple[ColumnBlock, ...]
@@ -53,6 +56,7 @@ class Further(Pickled):
     std_white: Array
     payloads: Mapping[str, Payload] = field(default_factory=dict)
     reference: Mapping[str, str] = field(default_factory=dict)
+    flange: Pose | None = None
 
     def __post_init__(self) -> None:
         make_read_only(self, ("values", "covariance", "std_white"), ("payloads", "reference"))

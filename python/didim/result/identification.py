@@ -30,6 +30,7 @@ from .positions.table import position_lines
 from .status import Status
 from .table import (
     Estimates,
+    Row,
     error_rows,
     limb_headings,
     parameter_lines,
@@ -263,6 +264,11 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """Return a row of each parameter, with the columns of `to_dataframe`."""
         base = [{**row, "group": "robot"} for row in self._estimates().value_rows()]
         return base + ([] if self.further is None else self.further.value_rows(self.interval_factor()))
+
+    @property
+    def estimate(self) -> tuple[Row, ...]:
+        """Unknowns of the robot, then those of its logs, each with its 95 % interval: see `Row`."""
+        return tuple(Row.of(row) for row in self.value_rows())
 
     def _estimates(self, level: float = 0.95) -> Estimates:
         columns = self.names, self.units, self.roles, self.beta, self.std, self.std_white

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .._tools.words import joints_text, series
+from .words.applied import WORDS as APPLIED
+from .words.applied import larger, larger_advice
 from .words.causes import CAUSES, edit, looks
 
 Finding = Any
@@ -145,6 +147,8 @@ def _value(f: Finding) -> float:
 
 
 def _held_out(f: Finding) -> str:
+    if "applied" in f.facts:
+        return larger(f)
     return (
         f"on recording '{f.recordings[0]}', which was held out, the torques of {_joints(f)} are off by "
         f"{percent(f.facts['share'])} %, {between(f.facts['ratios'])} times as much as on the recordings of the fit"
@@ -335,7 +339,11 @@ WORDS: dict[str, Words] = {
     ),
     "held-out": (
         _held_out,
-        "The logs differ (load, temperature, friction), or the fit lacks motion that this one has",
+        lambda f: (
+            larger_advice(f)
+            if "applied" in f.facts
+            else "The logs differ (load, temperature, friction), or the fit lacks motion that this one has"
+        ),
     ),
     "controller": (
         lambda f: (
@@ -403,5 +411,6 @@ WORDS: dict[str, Words] = {
         'Write spikes = "hampel" under [signal], which replaces them before the decimation smears them',
     ),
     "gain-unchecked": (_gain_unchecked, ""),
+    **APPLIED,
 }
 """Sentence and advice of the other findings, by code."""

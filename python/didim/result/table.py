@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,48 @@ class Estimates(NamedTuple):
             std_white=self.whites,
             role=self.roles,
         )
+
+
+SOURCES = {"estimated": "log", "fixed": "file", "dropped": "none"}
+"""Where the value of a role comes from."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An unknown of a result.
+
+    Attributes
+    ----------
+    name, unit : str
+        ``ZZ1R``, of a log ``disc.MX``; SI units, joint side.
+    value, std, low, high : float
+        Estimate, standard deviation, and ends of the 95 % interval; NaN where they are not known.
+    role : {"estimated", "fixed", "dropped"}
+        Role in the fit.
+    source : {"log", "file", "none"}
+        Where the value comes from: the log, the settings, or nowhere, for it is taken as zero.
+    group : {"robot", "payload", "offset", "friction", "gain"}
+        What it belongs to.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    low: float
+    high: float
+    role: str
+    source: str
+    group: str
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Row:
+        """Return the row of a result's `value_rows`; ``test_identification.py`` compares its numbers."""
+        value, std, low, high = (
+            float("nan") if row[key] is None else float(row[key]) for key in ("value", "std", "low", "high")
+        )
+        role = row["role"]
+        return cls(row["name"], row["unit"], value, std, low, high, role, SOURCES[role], row["group"])
 
 
 def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tuple[str, ...]]:

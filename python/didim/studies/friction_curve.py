@@ -17,9 +17,9 @@ from ..model.memory import sliding
 from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.decimation import row_values
-from ..signal.segments import segments
-from .loaded import same_parameters, standard_in, with_gains_of
-from .prediction import fitted_experiment, with_friction_of
+from ..signal.window import windows_of
+from .loaded import same_parameters, standard_in, with_friction_of, with_gains_of
+from .prediction import fitted_experiment
 
 SPEEDS = 401
 """Number of speeds of a curve, from the largest negative to the largest positive one."""
@@ -94,7 +94,7 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     rests: list[Array] = []
     loads: list[Array] = []
     for recording, standard in recordings:
-        for part in segments(recording, experiment.signal, delay.measured(recording.rate_hz)):
+        for part in windows_of(recording, experiment.signal, delay=delay.samples, hold_s=delay.hold_s):
             rigid = rigid_torque(robot, part.q, part.dq, part.ddq, standard)
             rest = part.tau - inverse_dynamics(
                 robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature

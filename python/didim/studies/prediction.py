@@ -24,15 +24,12 @@ from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
 from ..result.uncertainty import student_factor
-from ..robot.friction import Friction
 from ..robot.robot import Robot
-from ..signal.align import Shift, align
 from ..signal.decimation import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, segments, trimmed
-from ..signal.spikes import without_spikes
-from .loaded import same_parameters, standard_in, unloaded, with_gains_of
+from ..signal.window import Window, windows_of
+from .loaded import same_parameters, standard_in, unloaded, with_friction_of, with_gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,15 +185,13 @@ def predict(
     for number, recording in recordings:
         if recording.tau is None:
             raise FitError(f"recording '{recording.name}' has no torques to compare with")
-        if motion == "measured":
-            shift = delay.measured(recording.rate_hz)
-            parts = segments(recording, experiment.signal, shift)
-        else:
-            # Simulated accelerations result from the torque that starts at the sample, so there is no hold delay.
-            shift = delay.samples
+        # Simulated accelerations result from the torque that starts at the sample, so there is no hold delay.
+        hold_s = delay.hold_s if motion == "measured" else 0.0
+        parts = windows_of(recording, experiment.signal, along=motion, delay=delay.samples, hold_s=hold_s)
+        if motion == "simulated":
             parts = [
-                _simulated(loaded[number], experiment, recording, window, shift)
-                for window in recording.windows
+                _simulated(loaded[number], experiment, recording, part, span)
+                for part, span in zip(parts, recording.windows, strict=True)
             ]
         model = experiment.robot if motion == "measured" else robot
         signal = replace(experiment.signal, decimation=()) if raw else experiment.signal
@@ -207,21 +202,12 @@ def predict(
                     recording=recording.name,
                     role=recording.role,
                     motion=motion,
-                    t=_times(recording, window, signal, shift),
+                    t=_times(recording, window, signal, part.kept),
                     noise_correlation=noise_correlation(signal),
                     **_torques(fit, model, part, signal, beta),
                 )
             )
     return predictions
-
-
-def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
-    """Return the experiment with the friction terms of a result, which may have been chosen by the identification."""
-    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms")
-    if not saved and not experiment.robot.friction.open:
-        return experiment
-    robot = experiment.robot.with_terms(Friction.terms_of(saved or ()))
-    return replace(experiment, robot=robot)
 
 
 def simulate_window(
@@ -271,29 +257,17 @@ def fitted_experiment(fit: Identification, experiment: Experiment) -> tuple[Expe
 
 
 def _simulated(
-    x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: Shift
-) -> Segment:
-    """Return the simulated motion and the measured torque, aligned and trimmed as in DIDIM."""
-    simulation = simulate_window(x, experiment, recording, window)
-    where = f"recording '{recording.name}'"
+    x: Array, experiment: Experiment, recording: Recording, part: Window, span: tuple[int, int]
+) -> Window:
+    """Return a window along its simulated motion, as in DIDIM."""
+    simulation = simulate_window(x, experiment, recording, span)
     if not simulation.outcomes[0].completed:
-        raise FitError(f"{where}: the simulation {simulation.outcomes[0]}")
-    motion, tau = align(
-        [simulation.q, simulation.dq, simulation.ddq],
-        without_spikes(_torque(recording)[slice(*window)], experiment.signal),
-        delay,
-    )
-    return trimmed(recording, where, experiment.signal, motion, tau)
-
-
-def _torque(recording: Recording) -> Array:
-    torque = recording.driving
-    assert torque is not None  # predict refuses others
-    return torque
+        raise FitError(f"recording '{recording.name}': the simulation {simulation.outcomes[0]}")
+    return part.along([values[part.kept] for values in (simulation.q, simulation.dq, simulation.ddq)])
 
 
 def _torques(
-    fit: Identification, robot: Robot, part: Segment, signal: SignalProcessing, beta: Array
+    fit: Identification, robot: Robot, part: Window, signal: SignalProcessing, beta: Array
 ) -> dict[str, Any]:
     """Return measured and predicted torques of a window, with the sizes of the columns and standard deviations."""
     n = robot.n_dof
@@ -316,15 +290,12 @@ def _spread(fit: Identification, w: Array, n_dof: int) -> dict[str, Any]:
     return {"std": np.sqrt(variance), "degrees_of_freedom": uncertainty.degrees_of_freedom}
 
 
-def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: Shift) -> Array:
-    """Return the time stamps of the rows."""
-    start, stop = window
-    n = stop - start
-    (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, recording.q.shape[1])), delay)
-    samples = index[signal.trim_start : len(index) - signal.trim_end, 0].astype(int)
+def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, kept: slice) -> Array:
+    """Return the time stamps of the rows of the samples that are kept of a window."""
+    samples = np.arange(kept.start, kept.stop)
     for _, _, _, factor, first in decimation_stages(len(samples), signal):
         samples = samples[first::factor]
-    return cast(Array, recording.t[start + samples[signal.kept_rows]])
+    return cast(Array, recording.t[window[0] + samples[signal.kept_rows]])
 
 
 def autocorrelation(parts: Sequence[Array], n_lags: int) -> Array:

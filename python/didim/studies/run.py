@@ -26,7 +26,7 @@ from ..loop.reference import Reference
 from ..loop.simulation import too_large
 from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
-from ..signal.segments import motion_of
+from ..signal.window import motion_of
 
 Arrays = tuple[Array, Array, Array, Array]
 

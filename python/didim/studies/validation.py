@@ -19,7 +19,9 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
 from ..loop.outcome import Outcome
+from ..result.finding import Finding
 from ..result.identification import Identification
+from ..result.verdict import Verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,8 @@ class RecordingValidation:
     name : str
         Recording.
     direct : (n_dof,) array or None
-        Relative error of the torques predicted along the filtered measured motion with the friction of the experiment,
-        filtered and decimated as for a fit; None without torques.
+        Relative error of the torques predicted along the filtered measured motion, with friction and filters of the result
+        (`didim.studies.loaded.as_fitted`); None without torques.
     direct_overall : float
         Of all joints together.
     simulated : dict of (n_dof,) arrays
@@ -63,11 +65,29 @@ class Validation(Printed):
         Name of the experiment.
     recordings : tuple of RecordingValidation
         Errors of each recording, (n_dof,) relative ones of predicted torques and of simulated signals, joint side.
+    evidence : tuple of Finding
+        What the errors say: see `verdict`.
     """
 
     fit: Identification
     experiment: str
     recordings: tuple[RecordingValidation, ...]
+    evidence: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the log is one of the robot of the result, read as that of the fit was: sound, doubtful or wrong."""
+        ended = [
+            Finding(
+                code="not-completed",
+                grade="wrong",
+                recordings=(each.name,),
+                facts={"ending": str(each.outcome)},
+            )
+            for each in self.recordings
+            if each.outcome is not None and not each.outcome.completed
+        ]
+        return Verdict.of([*self.evidence, *ended])
 
     @property
     def completed(self) -> bool:
@@ -85,6 +105,8 @@ class Validation(Printed):
                 plain(recording) | {"outcome": None if recording.outcome is None else str(recording.outcome)}
                 for recording in self.recordings
             ],
+            "fit_error": plain(self.fit.relative_error),
+            "verdict": self.verdict.to_dict(),
         }
 
     def __str__(self) -> str:
@@ -93,6 +115,7 @@ class Validation(Printed):
             rows: dict[str, Array] = {}
             if recording.direct is not None:
                 rows["torque, predicted"] = recording.direct
+                rows["torque, of the fit"] = self.fit.relative_error
             rows |= {f"{name}, simulated": values for name, values in recording.simulated.items()}
             lines += ["", f"recording '{recording.name}'"]
             if rows:
@@ -109,7 +132,7 @@ class Validation(Printed):
                 lines.append(
                     "not simulated: the experiment has no [controller] and [reference], or made-up gains"
                 )
-        return "\n".join(lines)
+        return "\n".join([*lines, "", str(self.verdict)])
 
 
 def same_robot(fit: Identification, experiment: Experiment) -> None:
@@ -163,13 +186,16 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     DidimError
         As for an identification of the experiment.
     """
+    from ..evidence.applied.log import AppliedLog, Errors, applied_findings
     from ..evidence.loop.law import made_up
     from ..methods.method import FitSettings
-    from .loaded import same_parameters, standard_in, unloaded, with_gains_of
-    from .prediction import simulate_window, with_friction_of
+    from ..regression.logs.parameters import LogParameters
+    from ..signal.window import windows_of
+    from .loaded import as_fitted, same_parameters, standard_in, unloaded
+    from .prediction import simulate_window
     from .run import recording_errors
 
-    experiment = with_gains_of(fit, with_friction_of(fit, experiment_of(experiment)))
+    experiment, taken = as_fitted(fit, experiment_of(experiment))
     robot = experiment.simulated_robot
     same_parameters(fit, robot)
     same_robot(fit, experiment)
@@ -180,11 +206,19 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     delay = job.delay()
     # Invented gains do not represent the real loop.
     closed = None not in (experiment.reference, experiment.controller) and not made_up(experiment)
-    recordings = []
+    recordings, evidence = [], list(taken)
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
         if recording.tau is not None and recording.has_positions:
-            errors, torques, _ = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
+            beta = experiment.robot.base_parameters.project(x)
+            errors, torques, n_rows = job.predicted(recording, beta, delay)
+            root = np.sqrt(max(1, n_rows))
+            beside = Errors.beside(fit, errors / root, torques / root)
+            if beside.larger:
+                parts = windows_of(recording, experiment.signal, delay=delay.samples, hold_s=delay.hold_s)
+                logs = LogParameters(experiment.robot, (), {}, {}, {})
+                log = AppliedLog(experiment.robot, experiment.signal, logs, beta, parts, [recording])
+                evidence += applied_findings(log, beside)
             direct, overall = (
                 quotient(errors, torques, np.nan),
                 ratio(np.linalg.norm(errors), np.linalg.norm(torques)),
@@ -197,4 +231,4 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
                 arrays = run.q, run.dq, run.ddq, run.tau
                 simulated = recording_errors(experiment, recording, recording.windows[0], arrays)
         recordings.append(RecordingValidation(recording.name, direct, overall, simulated, outcome))
-    return Validation(fit, experiment.name, tuple(recordings))
+    return Validation(fit, experiment.name, tuple(recordings), tuple(evidence))

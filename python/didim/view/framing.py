@@ -72,7 +72,9 @@ def points_in(robot: Robot, q: Array, boxes: Sequence[tuple[int, Array]]) -> Arr
     return np.concatenate(parts)
 
 
-def camera(points: Array, axes: Array, angle: float, aspect: float) -> tuple[Array, Array]:
+def camera(
+    points: Array, axes: Array, angle: float, aspect: float, share: float = 1.0
+) -> tuple[Array, Array]:
     """Return the position of a camera that sees all points, and the point that it looks at, both (3,).
 
     Parameters
@@ -85,6 +87,8 @@ def camera(points: Array, axes: Array, angle: float, aspect: float) -> tuple[Arr
         Vertical angle of view (rad).
     aspect : float
         Width of the picture over its height.
+    share : float
+        Upper share of the picture in which the points are; the rest may be covered.
     """
     away = axes @ np.array(VIEWED_FROM)
     away /= np.linalg.norm(away)
@@ -95,6 +99,8 @@ def camera(points: Array, axes: Array, angle: float, aspect: float) -> tuple[Arr
     middle = 0.5 * (placed.min(axis=0) + placed.max(axis=0))
     x, y, depth = (placed - middle).T
     slope = float(np.tan(0.5 * angle))
-    distance = float((np.maximum(np.abs(x) / aspect, np.abs(y)) / slope + depth).max())
-    look_at: Array = seen @ middle
+    sides = np.abs(x) / aspect / slope + depth
+    above, below = (y / slope + depth) / share, (-y / slope - (1.0 - 2.0 * share) * depth) / share
+    distance = float(np.max([sides, above, below]))
+    look_at: Array = seen @ (middle - (0.0, (1.0 - share) * slope * MARGIN * distance, 0.0))
     return look_at + MARGIN * distance * away, look_at

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,8 @@ FOLLOW_SCHEME = """\
 
 viser has no setting for it. A picture that cannot be loaded runs its handler; a script element would not run.
 """
+UPRIGHT_SHARE = 0.6
+"""Upper share of an upright screen that the panel leaves free."""
 FULL_COLOUR_SHARE = 0.1
 """Residual, as a share of the largest torque, that is drawn in full colour."""
 
@@ -140,7 +143,9 @@ class Page:
 
     def _look_at_robot(self, client: Any) -> None:
         """Place the camera of a browser so that the robot is in its picture in all poses."""
-        position, look_at = camera(self._points, self._axes, client.camera.fov, client.camera.aspect)
+        aspect = client.camera.aspect
+        free = 1.0 if aspect > 1.0 else UPRIGHT_SHARE  # viser's panel covers the rest of a phone's screen
+        position, look_at = camera(self._points, self._axes, client.camera.fov, aspect, free)
         with client.atomic():
             client.camera.position, client.camera.look_at = position, look_at
 
@@ -266,9 +271,41 @@ def _heat(share: float) -> tuple[int, int, int]:
 def _server(host: str, port: int, label: str) -> Any:
     viser = optional("viser", PlotError, "didim view needs viser: pip install 'didim[view]'")
     try:
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner, which would interrupt a printed result
-            return viser.ViserServer(host=host, port=port, label=label, verbose=False)
+        with (
+            contextlib.redirect_stdout(io.StringIO()),  # its banner, which would interrupt a printed result
+            _of_own_pages(host) as limited,
+        ):
+            server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
+        if not limited:
+            server.stop()
+            raise PlotError(
+                "this version of viser opens its socket to pages of any origin: pip install --upgrade viser"
+            )
+        return server
     except OSError as reason:
         raise PlotError(
             f"port {port} cannot be used: {reason.strerror or reason}; --port names another"
         ) from None
+
+
+@contextlib.contextmanager
+def _of_own_pages(host: str) -> Iterator[list[int]]:
+    """Let a server that viser starts refuse the sockets of pages of another origin; yield the ports of servers that do.
+
+    A browser lets any page open a socket to this machine, and names the page's origin. viser accepts all, and has no setting.
+    """
+    from websockets.asyncio import server
+
+    serve, limited = server.serve, list[int]()
+
+    def serve_own(handler: Any, address: str, port: int, **options: Any) -> Any:
+        limited.append(port)
+        names = dict.fromkeys((host, address, "127.0.0.1", "localhost", "[::1]", socket.gethostname()))
+        own = [*(f"http://{name}:{port}" for name in names), None]  # None: a program, which says no origin
+        return serve(handler, address, port, **{**options, "origins": own})
+
+    server.serve = serve_own  # type: ignore[assignment,misc]
+    try:
+        yield limited
+    finally:
+        server.serve = serve  # type: ignore[misc]

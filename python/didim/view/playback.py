@@ -15,7 +15,7 @@ from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..model.dynamics import inverse_dynamics
 from ..robot.robot import Robot
-from ..signal.segments import motion_of
+from ..signal.window import motion_of
 from ..studies.run import simulate_experiment, standard_parameters
 
 

@@ -2,7 +2,7 @@
 //!
 //! It is the gradient of a convex function of the velocities: coefficients that are negative, which no robot has, count as zero.
 //! Of friction that falls with speed (Stribeck) the level at rest belongs to it, so that what is left of friction is not steep.
-//! Tested in `rust/tests/closed_loop/additive.rs`.
+//! Tested in `rust/tests/closed_loop/additive.rs`, and here: its torques are those of the model, its matrix their slopes.
 
 use super::links::{Links, Lower};
 use crate::ground::arrays::MAX_DOF;
@@ -126,6 +126,62 @@ impl<'a, V: Set> Steep<'a, V> {
                 matrix[m.max(i)][m.min(i)] += slope.scale(c);
                 for &(other, factor) in &coupled.others[..k] {
                     matrix[other.max(i)][other.min(i)] += slope.scale(c * factor);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ground::lanes::Plain;
+    use crate::robot::{Friction, Joint, JointKind};
+
+    /// Three joints without inertia and viscous friction, whose last motor turns with all of them.
+    fn robot() -> Robot {
+        let joint = Joint { kind: JointKind::Revolute, alpha: 0.4, d: 0.1, theta: 0.0, r: 0.0 };
+        let transmission = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 0.0], vec![0.5, -0.3, 1.0]];
+        let friction = Friction { asymmetric: true, smoothing: vec![0.2, 0.3, 0.4], ..Friction::sign(3) };
+        Robot::new(vec![joint; 3], [0.0; 3], &transmission, friction).unwrap()
+    }
+
+    #[test]
+    fn it_is_the_coulomb_friction_of_each_direction_and_its_slopes() {
+        let robot = robot();
+        let layout = Layout::of(&robot);
+        let mut x = vec![0.0; layout.count()];
+        for (j, [forward, backward]) in [[1.0, 0.3], [0.8, 2.0], [3.0, 2.5]].into_iter().enumerate() {
+            let first = layout.joint(j) + crate::robot::parameters::FRICTION;
+            (x[first + 1], x[first + 3]) = (forward, backward);
+        }
+        x[layout.coupled(0) + 1] = 1.5;
+        let links = Links::<Plain<1>>::of_one(&robot, robot.geometry(), &x);
+        let steep = Steep::of(&robot, &links);
+        let zero = [Lanes::zero(); MAX_DOF];
+        let at = |dq: [f64; 3], matrix: &mut Lower<Plain<1>>| {
+            let (mut speeds, mut tau) = (zero, zero);
+            speeds[..3].copy_from_slice(&dq.map(Lanes::splat));
+            steep.add(3, 0.7, &speeds, &mut tau, matrix);
+            [0, 1, 2].map(|j: usize| tau[j].lane(0) / 0.7)
+        };
+        for dq in [[0.1, -0.2, 0.3], [-0.3, 0.05, -0.1], [0.02, 0.2, -0.4]] {
+            let (mut matrix, mut spare) = ([zero; MAX_DOF], [zero; MAX_DOF]);
+            let found = at(dq, &mut matrix);
+            let mut want = [0.0; 3];
+            let still = [0.0; 3];
+            crate::model::inverse::inverse_dynamics(&robot, &still, &dq, &still, &x, &mut want).unwrap();
+            for j in 0..3 {
+                assert!((found[j] - want[j]).abs() < 1e-14, "{found:?} {want:?}");
+                for k in 0..=j {
+                    let moved = |by: f64| {
+                        let mut dq = dq;
+                        dq[k] += by;
+                        dq
+                    };
+                    let slope = (at(moved(1e-6), &mut spare)[j] - at(moved(-1e-6), &mut spare)[j]) / 2e-6;
+                    let got = matrix[j][k].lane(0) / 0.7;
+                    assert!((got - slope).abs() < 1e-8, "{j} {k}: {got} {slope}");
                 }
             }
         }

@@ -3,16 +3,18 @@
 //! The columns of a regressor of random states are scanned from first to last, and a column that depends on those kept
 //! so far is left out: of dependent parameters the one that comes first is kept. On the TX40 this keeps exactly
 //! the 60 of Table II. Dependence is a matter of structure, so it is found on random states and not on a
-//! log, whose filters could hide it.
+//! log, whose filters could hide it. Friction has a structure at low speeds too: inside a dead zone its sign is zero, so that
+//! `Fc+ - Fc-` is not the constant force of a slide along gravity. States at the speeds of each law therefore join the fast ones.
 //!
 //! The coefficients are polynomials in the lengths of the robot and the sines and cosines of its angles. They are
 //! recognised on a twin robot with the same zeros and right angles but lengths and angles that no two joints
 //! share, and then evaluated on the robot itself: exact numbers, with their text.
 
 use super::symbols::{Dictionary, SNAP, number, twin};
-use crate::model::regressor::regressor;
+use crate::model::regressor::regressor_under_load;
 use crate::regression::least_squares::{self, Dependence, LeastSquaresError};
 use crate::robot::Robot;
+use crate::robot::friction_terms::{Law, Term as FrictionTerm};
 use crate::robot::parameters::{Layout, Owner};
 use faer::Mat;
 
@@ -21,6 +23,8 @@ use faer::Mat;
 const TOLERANCE: f64 = 1e-9;
 /// Random states per standard parameter: enough rows to tell all columns apart.
 const STATES_PER_PARAMETER: usize = 2;
+/// Largest speed of the fast random states (rad/s or m/s).
+const FASTEST: f64 = 3.0;
 
 /// One term of a grouping: coefficient times a parameter that is not kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,13 +51,12 @@ pub struct Base {
 /// Finds the base parameters of a robot.
 pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     let layout = Layout::of(robot);
-    // A further term of friction has a column of its own: random states need not show it, as that of standstill. A spring's can
-    // depend on those of gravity, and is tested like those of links.
-    let (springs, further): (Vec<usize>, Vec<usize>) = (layout.term(0)..layout.count())
-        .partition(|&column| robot.friction().terms[column - layout.term(0)].law.of_position());
+    // What no state shows has a column of its own.
+    let (tested, hidden): (Vec<usize>, Vec<usize>) = (layout.term(0)..layout.count())
+        .partition(|&column| !is_hidden(robot, &robot.friction().terms[column - layout.term(0)]));
     let first = layout.term(0);
-    let original = |column: usize| if column < first { column } else { springs[column - first] };
-    let robot = &robot.with_springs_alone();
+    let original = |column: usize| if column < first { column } else { tested[column - first] };
+    let robot = &robot.with_terms(|term| !is_hidden(robot, term));
     let layout = Layout::of(robot);
     let own = dependences(robot)?;
     let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, Dictionary::new(robot, &twin))));
@@ -92,10 +95,21 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     let found = (0..count).filter(|&column| kept[column]);
     let mut all: Vec<(usize, Vec<Term>)> =
         found.map(|column| (original(column), std::mem::take(&mut terms[column]))).collect();
-    all.extend(further.into_iter().map(|column| (column, Vec::new())));
+    all.extend(hidden.into_iter().map(|column| (column, Vec::new())));
     all.sort_by_key(|(column, _)| *column);
     let (kept, terms) = all.into_iter().unzip();
     Ok(Base { kept, terms, unidentifiable })
+}
+
+/// Does the column of a term depend on what a state does not have: the path, the temperature (a table of zeros at its reference), or
+/// a rest that a simulation without dead zone does not know?
+fn is_hidden(robot: &Robot, term: &FrictionTerm) -> bool {
+    match &term.law {
+        Law::Dahl { .. } => true,
+        Law::Rest => robot.friction().dead_zone[term.joint] <= 0.0,
+        Law::Table(table) => table.is_zero(),
+        _ => false,
+    }
 }
 
 /// Columns that depend on earlier ones, on random states; limb by limb, since limbs share neither rows nor columns.
@@ -105,9 +119,7 @@ fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     // All that follows a joint is seen in its row alone.
     let rows = if robot.followers().is_some() { 1 } else { n };
     let samples = p * STATES_PER_PARAMETER / rows + 8;
-    let (q, dq, ddq) = random_states(n, samples);
-    let mut flat = vec![0.0; samples * n * p];
-    regressor(robot, &q, &dq, &ddq, &mut flat).expect("the arrays were made for this robot");
+    let (samples, flat) = regressor_of_states(robot, samples);
     let limbs = limbs(&flat, n, p);
     let zeros = (0..p).filter(|column| limbs.iter().all(|(_, columns)| !columns.contains(column)));
     let mut dependent: Vec<Dependence> =
@@ -146,16 +158,68 @@ fn limbs(flat: &[f64], n: usize, p: usize) -> Vec<(Vec<usize>, Vec<usize>)> {
     (0..n).filter(|&joint| group[joint] == joint).map(of).filter(|(_, columns)| !columns.is_empty()).collect()
 }
 
-/// Positions within half a turn, speeds and accelerations of a few units, spread evenly: additive recurrences with
-/// the square roots of primes, which need no generator and are the same everywhere.
-fn random_states(n: usize, samples: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let primes: Vec<f64> =
-        (2u32..).filter(|k| (2..*k).all(|d| k % d != 0)).take(3 * n).map(f64::from).collect();
-    let entry = |sample: usize, coordinate: usize| {
-        (((sample + 1) as f64) * primes[coordinate].sqrt()).fract() * 2.0 - 1.0
-    };
+/// Number of random states, and their regressor: `samples` fast ones, and as many at the speeds of friction where it has any.
+fn regressor_of_states(robot: &Robot, samples: usize) -> (usize, Vec<f64>) {
+    let (n, p) = (robot.n_dof(), Layout::of(robot).count());
+    let paces: Vec<Vec<f64>> = (0..n).map(|joint| paces(robot, joint)).collect();
+    let all = if paces.iter().any(|own| own.len() > 1) { 2 * samples } else { samples };
+    let random = Random::new(5 * n);
     let array = |offset: usize, scale: f64| {
-        (0..samples * n).map(|k| scale * entry(k / n, offset + k % n)).collect::<Vec<f64>>()
+        (0..all * n).map(|k| scale * random.entry(k / n, offset + k % n)).collect::<Vec<f64>>()
     };
-    (array(0, std::f64::consts::PI), array(n, 3.0), array(2 * n, 5.0))
+    let (q, mut dq) = (array(0, std::f64::consts::PI), array(n, FASTEST));
+    let (ddq, load) = (array(2 * n, 5.0), array(3 * n, 5.0));
+    for k in samples * n..all * n {
+        let own = &paces[k % n];
+        // Each of its paces once in as many states, in an order that joints do not share.
+        let (state, joint) = (k / n, k % n);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // between 0 and the number of paces
+        let turn = (0.5 * (random.entry(state / own.len(), 4 * n + joint) + 1.0) * own.len() as f64) as usize;
+        dq[k] *= own[(state + turn) % own.len()] / FASTEST;
+    }
+    let mut flat = vec![0.0; all * n * p];
+    // A sign that is kept through rest has no dead zone.
+    let kept = robot.with_signs_kept();
+    let load = if kept.friction().has_load() { &load[..] } else { &[] };
+    regressor_under_load(&kept, &q, &dq, &ddq, load, &mut flat).expect("the arrays were made for this robot");
+    for (index, term) in robot.friction().terms.iter().enumerate() {
+        let (joint, zone) = (term.joint, robot.friction().dead_zone[term.joint]);
+        if term.law == Law::Rest && robot.friction().held[joint] > 0.0 {
+            for row in (joint..all * n).step_by(n) {
+                flat[row * p + Layout::of(robot).term(index)] = f64::from(u8::from(dq[row].abs() <= zone));
+            }
+        }
+    }
+    (all, flat)
+}
+
+/// Largest speeds of the random states of a driven joint: the usual one, and those at which its friction changes, inside its dead zone
+/// and around it.
+fn paces(robot: &Robot, driven: usize) -> Vec<f64> {
+    let (friction, layout) = (robot.friction(), Layout::of(robot));
+    let joint = (0..robot.n_joints()).find(|&joint| layout.number(joint) == driven).unwrap_or(driven);
+    let curved = friction.terms.iter().filter(|term| term.joint == joint).filter_map(|term| match term.law {
+        Law::Atan { velocity } | Law::Stribeck { velocity } => Some(velocity),
+        _ => None,
+    });
+    let slow = curved.chain([friction.smoothing[joint]]).map(|velocity| 2.0 * velocity);
+    let slow = slow.filter(|&pace| pace < FASTEST);
+    let zone = friction.dead_zone[joint];
+    [FASTEST].into_iter().chain(slow.chain([zone, 2.0 * zone]).filter(|&pace| pace > 0.0)).collect()
+}
+
+/// Numbers between -1 and 1, spread evenly: additive recurrences with the square roots of primes, which need no generator and are the
+/// same everywhere.
+struct Random(Vec<f64>);
+
+impl Random {
+    fn new(coordinates: usize) -> Self {
+        let primes = (2u32..).filter(|k| (2..*k).all(|d| k % d != 0)).take(coordinates);
+        Self(primes.map(|prime| f64::from(prime).sqrt()).collect())
+    }
+
+    fn entry(&self, sample: usize, coordinate: usize) -> f64 {
+        (((sample + 1) as f64) * self.0[coordinate]).fract() * 2.0 - 1.0
+    }
 }

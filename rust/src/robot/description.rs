@@ -343,10 +343,21 @@ impl Robot {
         &self.friction
     }
 
-    /// The same robot without the further terms of its friction.
-    pub(crate) fn with_springs_alone(&self) -> Self {
-        let terms = self.friction.terms.iter().filter(|term| term.law.of_position()).cloned().collect();
+    /// The same robot with some of the further terms of its friction.
+    pub(crate) fn with_terms(&self, wanted: impl Fn(&Term) -> bool) -> Self {
+        let terms = self.friction.terms.iter().filter(|term| wanted(term)).cloned().collect();
         Self { friction: Friction { terms, ..self.friction.clone() }, ..self.clone() }
+    }
+
+    /// The same robot with the plain sign of the speed at joints whose sign is kept through rest: what that of a path is in motion.
+    pub(crate) fn with_signs_kept(&self) -> Self {
+        let mut friction = self.friction.clone();
+        for (j, &width) in self.friction.held.iter().enumerate() {
+            if width > 0.0 {
+                (friction.smoothing[j], friction.dead_zone[j]) = (0.0, 0.0);
+            }
+        }
+        Self { friction, ..self.clone() }
     }
 
     /// The same robot with other lengths and angles; used to tell symbols of equal value apart.

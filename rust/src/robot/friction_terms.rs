@@ -141,6 +141,11 @@ impl Table {
         (self.first, self.first + self.step * (self.values.len() - 1) as f64)
     }
 
+    /// Is it zero at all speeds?
+    pub fn is_zero(&self) -> bool {
+        self.values.iter().all(|&value| value == 0.0)
+    }
+
     /// The value at a speed.
     #[inline]
     pub fn at(&self, dq: f64) -> f64 {

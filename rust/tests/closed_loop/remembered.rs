@@ -5,8 +5,9 @@ use didim::closed_loop::observers::Trajectory;
 use didim::closed_loop::schedule::{Plan, Schedule};
 use didim::closed_loop::simulation::{Integrator, Outcome, Simulation};
 use didim::model::inverse::inverse_dynamics;
-use didim::robot::Robot;
 use didim::robot::friction_terms::{Law, Term};
+use didim::robot::parameters::{FRICTION, Layout};
+use didim::robot::{Friction, Robot};
 
 const WIDTHS: [f64; 2] = [0.02, 0.005];
 
@@ -139,4 +140,36 @@ fn a_candidate_has_the_same_bits_alone_and_in_lanes() {
             assert_eq!(alone.q, found.q);
         }
     }
+}
+
+#[test]
+fn a_kept_sign_has_the_friction_of_its_direction() {
+    let (width, [forward, backward]) = (1e-3, [0.9, 0.2]);
+    let plain = robot(0.1);
+    let mut friction = Friction { asymmetric: true, ..plain.friction().clone() };
+    friction.held[1] = width;
+    let robot = Robot::new(plain.joints().to_vec(), plain.gravity(), plain.transmission(), friction).unwrap();
+    let layout = Layout::of(&robot);
+    // The parameters of symmetric friction, joint by joint, with those of the other direction behind them.
+    let mut x = vec![0.1; layout.count()];
+    for (j, own) in parameters(&plain, 1.0).chunks_exact(14).take(3).enumerate() {
+        x[layout.joint(j)..layout.joint(j) + 14].copy_from_slice(own);
+    }
+    (x[layout.joint(1) + FRICTION + 1], x[layout.joint(1) + FRICTION + 3]) = (forward, backward);
+    let found = &recorded(&robot, std::slice::from_ref(&x), 4000.0, Integrator::RungeKutta)[0];
+    let mut tau = vec![0.0; found.q.len()];
+    inverse_dynamics(&robot, &found.q, &found.dq, &found.ddq, &x, &mut tau).unwrap();
+    let coulomb = |s: f64| s * if s > 0.0 { forward } else { backward };
+    let (mut z, mut farthest) = ((found.dq[1] / 0.1).tanh(), [0.0_f64; 2]);
+    for k in 0..found.q.len() / 3 {
+        let at = 3 * k + 1;
+        let way = if k == 0 { 0.0 } else { found.q[at] - found.q[at - 3] };
+        let s = 1.0_f64.copysign(way);
+        z = s - (s - z) * (-way.abs() / width).exp();
+        let change = coulomb(z) - coulomb((found.dq[at] / 0.1).tanh());
+        farthest = [farthest[0].min(change), farthest[1].max(change)];
+        let error = found.tau[at] - tau[at] - change;
+        assert!(error.abs() < 1e-3, "{k}: {error}");
+    }
+    assert!(farthest[0] < -0.1 && farthest[1] > 0.1, "{farthest:?}");
 }

@@ -2,12 +2,17 @@
 
 use crate::common::bodies::robot as bodies;
 use didim::model::inverse::inverse_dynamics;
+use didim::model::regressor::regressor;
 use didim::regression::base::base_parameters;
+use didim::regression::least_squares::solve;
 use didim::robot::Friction;
 use didim::robot::Robot;
+use didim::robot::friction_terms::{Law, Term};
 use didim::robot::parameters::Layout;
 use didim::robot::parameters::names;
 use didim::robot::{Joint, JointKind};
+use faer::Mat;
+use proptest::prelude::*;
 use std::f64::consts::FRAC_PI_2;
 
 fn planar(lengths: &[f64]) -> Robot {
@@ -152,5 +157,87 @@ fn a_bent_arm_has_symbols_of_its_angle() {
     for term in base.terms.iter().flatten() {
         assert!(!term.symbol.contains('.'), "{term:?}");
         assert!((read(&robot, &term.symbol) - term.coefficient).abs() < 1e-12, "{term:?}");
+    }
+}
+
+/// A joint of a random robot: does it slide, quarter turns from the axis before, is its origin elsewhere, does it have a torque at
+/// rest, is its sign kept through rest?
+type Drawn = (bool, u8, bool, bool, bool);
+
+/// Many slides of these are along gravity.
+fn drawn(joints: &[Drawn], zone: f64, smoothing: f64, asymmetric: bool) -> Robot {
+    let n = joints.len();
+    let joint = |&(slides, turns, far, ..): &Drawn| Joint {
+        kind: if slides { JointKind::Prismatic } else { JointKind::Revolute },
+        alpha: f64::from(turns) * FRAC_PI_2,
+        d: if far { 0.3 } else { 0.0 },
+        theta: 0.2,
+        r: 0.1,
+    };
+    let identity: Vec<Vec<f64>> =
+        (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+    let at_rest = |(joint, &(.., rests, _)): (usize, &Drawn)| {
+        (rests && zone > 0.0).then(|| Term { joint, law: Law::Rest, name: "Rest".into() })
+    };
+    let friction = Friction {
+        asymmetric,
+        dead_zone: vec![zone; n],
+        smoothing: joints.iter().map(|&(.., held)| if held { 0.0 } else { smoothing }).collect(),
+        held: joints.iter().map(|&(.., held)| if held { 1e-6 } else { 0.0 }).collect(),
+        terms: joints.iter().enumerate().filter_map(at_rest).collect(),
+        ..Friction::sign(n)
+    };
+    Robot::new(joints.iter().map(joint).collect(), [0.0, 0.0, -9.81], &identity, friction).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// A slide along gravity has a constant force, and friction that differs by direction has one too, but not in its dead zone.
+    #[test]
+    fn regrouped_friction_makes_the_same_torques_at_every_speed(
+        joints in prop::collection::vec(any::<Drawn>(), 1..5),
+        zone in prop::sample::select(vec![0.0, 1e-3, 1e-2, 0.1]),
+        smoothing in prop::sample::select(vec![0.0, 0.0, 1e-3, 5e-2]),
+        asymmetric in any::<bool>(),
+    ) {
+        let joint = |(_, turns, far, rests, held): Drawn| (turns % 2 == 0, turns / 2 % 4, far, rests, held);
+        let joints: Vec<Drawn> = joints.into_iter().map(joint).collect();
+        let robot = drawn(&joints, zone, smoothing, asymmetric);
+        let base = base_parameters(&robot).unwrap();
+        let (n, p) = (robot.n_dof(), Layout::of(&robot).count());
+        let samples = 4 * p + 20;
+        let wave = |a: f64| (0..samples * n).map(|k| (a * (k * k) as f64 + a).sin() * 2.0).collect::<Vec<_>>();
+        let (q, mut dq, ddq) = (wave(1.1), wave(0.7), wave(1.7));
+        for (k, dq) in dq.iter_mut().enumerate() {
+            if joints[k % n].4 {
+                // Where a sign is kept, that of the speed is it beyond the zone alone.
+                *dq += (2.0 * zone).copysign(*dq);
+            } else {
+                // A third is around the edge of the zone, and one where a smooth sign turns.
+                let pace = [zone, smoothing, 1.0][(k / n + k % n) % 3];
+                *dq *= if pace > 0.0 { pace } else { 1.0 };
+            }
+        }
+        let x: Vec<f64> = (0..p).map(|k| (0.7 * (k * k) as f64).sin()).collect();
+        let mut grouped = vec![0.0; p];
+        for (&kept, terms) in base.kept.iter().zip(&base.terms) {
+            grouped[kept] = x[kept] + terms.iter().map(|term| term.coefficient * x[term.column]).sum::<f64>();
+        }
+        let torques = |x: &[f64]| {
+            let mut tau = vec![0.0; samples * n];
+            inverse_dynamics(&robot, &q, &dq, &ddq, x, &mut tau).unwrap();
+            tau
+        };
+        for (got, want) in torques(&grouped).iter().zip(torques(&x)) {
+            prop_assert!((got - want).abs() < 1e-8 * (1.0 + want.abs()), "{got} {want}");
+        }
+        if joints.iter().all(|joint| !joint.4) {
+            let mut w = vec![0.0; samples * n * p];
+            regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+            let kept = Mat::from_fn(samples * n, base.kept.len(), |row, k| w[row * p + base.kept[k]]);
+            let solved = solve(kept.as_ref(), &vec![0.0; samples * n], 1e-9).unwrap();
+            prop_assert!(solved.dependent.is_empty(), "{:?}", solved.dependent);
+        }
     }
 }

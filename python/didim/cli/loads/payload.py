@@ -36,4 +36,4 @@ def run(options: argparse.Namespace) -> int:
     payload = identify_payload(fit, load_experiment(options.log, data=options.data), link=options.link)
     saved = Saved()
     saved.save_json(options.json, payload.to_dict())
-    return saved.end(str(payload))
+    return saved.end(str(payload), verdict=payload.verdict)

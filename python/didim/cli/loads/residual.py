@@ -62,4 +62,4 @@ def run(options: argparse.Namespace) -> int:
         from ...plot.style import svg
 
         saved.save(options.plot, lambda path: write_atomically(path, svg(external(residual))))
-    return saved.end(str(residual))
+    return saved.end(str(residual), verdict=residual.verdict)

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..._tools.settings import positive
 from ...errors import FitError
 from ...model.dynamics import standard_vector
 from ...robot.friction import HOLD_WIDTH, FrictionTerm
@@ -67,7 +68,7 @@ class _Written:
         return self.graph.apply("table", speed, extra=(term.parameter,))
 
 
-def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
+def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: float | None = None) -> str:
     """Write the model of a robot as a C99 header.
 
     Parameters
@@ -78,7 +79,9 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         Standard parameters in the order of ``robot.parameter_names``, SI units, joint side. Parameters with the same torques
         give the same functions: the code contains the base parameters, or all parameters if friction depends on the load.
     prefix : str, optional
-        Prefix of the names in the header; by default the name of the robot.
+        Prefix of the names in the header, with or without a last underscore; by default the name of the robot.
+    smoothing : float, optional
+        Velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction, which jumps at rest.
 
     Returns
     -------
@@ -91,15 +94,20 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
     Raises
     ------
     FitError
-        When the prefix is not a C identifier (``tests/test_export_c.py``).
+        When the prefix is not a C identifier, or the smoothing not positive (``tests/test_export_c.py``).
     ShapeError
         When `x` has another length, or a NaN.
     """
     if prefix is None:
-        prefix = re.sub(r"\W", "_", robot.name, flags=re.ASCII).lower()
+        prefix = re.sub(r"\W+", "_", robot.name, flags=re.ASCII).lower()
         prefix = f"_{prefix}".lstrip("_") if not prefix[:1].isdigit() else f"robot_{prefix}"
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise FitError(f"names in C begin with a letter and have letters, digits and _, got {prefix!r}")
+    prefix = prefix.rstrip("_")  # names with two underscores are the compiler's
+    if smoothing is not None:
+        positive("smoothing", smoothing, FitError)
+        smooth = replace(robot.friction, coulomb="tanh", smoothing=(float(smoothing),) * robot.n_dof)
+        robot = replace(robot, friction=smooth)
     x = standard_vector(robot, x)
     base = robot.base_parameters
     beta = base.project(x)
@@ -112,7 +120,11 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         functions.append(_remember(robot, memory, prefix))
     body = "\n".join(functions)
     guard = f"{prefix.upper()}_DYNAMICS_H"
-    kinds = ", ".join(f"{j + 1} {kind}" for j, kind in enumerate(robot.geometry.kinds))
+    names = robot.all_joint_names or ("",) * robot.n_joints
+    kinds = ", ".join(
+        f"{j + 1} {_comment(name)} ({kind})" if name else f"{j + 1} {kind}"
+        for j, (name, kind) in enumerate(zip(names, robot.geometry.kinds, strict=True))
+    )
     lines = [
         f"/* Inverse dynamics of {_comment(robot.name)}: tau = M(q) ddq + N(q, dq).",
         " *",

@@ -17,12 +17,12 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
+from ...experiment.loop import recordings_of
 from ...result.further import Further
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.status import Status
 from ..idim_ls import direct_estimate
-from ..job import recordings_of
 from ..positions.estimate import identify_positions
 from .consistent import consistent_steps
 from .levenberg_marquardt import SafeSteps, search

@@ -265,7 +265,7 @@ class SafeSteps:
 def weigh_by_noise(problem: OutputError) -> None:
     """Weight outputs by the given or estimated noise of their measurements."""
     method = problem.method
-    q = np.concatenate([window.q for window in problem.windows])
+    q = np.concatenate([window.measured for window in problem.windows])
     if len(q) <= NOISE_SAMPLES:
         raise FitError(
             f"{problem.job.experiment.name}: CLOE estimates the noise from more than {NOISE_SAMPLES} samples, got {len(q)}"
@@ -278,7 +278,7 @@ def weigh_by_noise(problem: OutputError) -> None:
             )
         problem.weights["q"] = 1.0 / noise**2
     if "tau" in problem.weights:
-        tau = np.concatenate([window.tau for window in problem.windows])
+        tau = np.concatenate([window.logged for window in problem.windows])
         problem.weights["tau"] = 1.0 / white_noise(tau) ** 2
 
 

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array, quotient
 from ...errors import FitError
 from ...evidence.loop.simulated import Piece, compare_motions
-from ...experiment.loop import closed_loop
-from ...loop.closed_loop import ClosedLoop
+from ...experiment.loop import recordings_of, windows
 from ...model.dynamics import regressor
 from ...model.limbs import Directions
 from ...model.safe_step import safe_step, thinned
@@ -30,12 +29,10 @@ from ...regression.block import Block
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
-from ...signal.align import align
-from ...signal.segments import kept_samples, place_of
-from ...signal.spikes import without_spikes
+from ...signal.window import Window
 from ..builder import Run, TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
-from ..job import Delay, Job, recordings_of
+from ..job import Delay, Job
 from ..start import extended_start
 from ..uncertainty import Spread
 from .checkpoint import Checkpoint
@@ -48,20 +45,10 @@ TOGETHER = 64
 """Largest number of candidates whose trajectories are held in memory at once."""
 COMPARED = {"position": ("q",), "torque": ("tau",), "both": ("q", "tau")}
 """Signals of a simulation that each setting of the output compares."""
+MEASURED = {"q": "measured", "tau": "logged"}
+"""The same signals of a window."""
 DERIVATIVE_STEP = 1e-4
 """Parameter step of a finite difference, as the share of the torques that it changes."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """A window of a log with its closed loop."""
-
-    loop: ClosedLoop
-    q: Array
-    tau: Array
-    place: str
-    recording: int
-    window: int
 
 
 class OutputError:
@@ -86,7 +73,9 @@ class OutputError:
         self.robot, self.base = job.robot, job.parameters
         self.estimated = job.selection.estimated
         self.windows = _windows(job, method.output)
-        self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
+        self.checked = thinned(
+            np.concatenate([window.measured for window in self.windows]), CHECKED_POSITIONS
+        )
         self.n_simulations = 0
         self.start = self._start()
         self.scale, acts = self._scale()
@@ -107,8 +96,8 @@ class OutputError:
             for window in self.windows:
                 costs, _ = window.loop.costs(
                     self.base.standard(x, window.recording),
-                    window.q,
-                    window.tau,
+                    window.measured,
+                    window.logged,
                     weight_q=self.weights.get("q", unused),
                     weight_tau=self.weights.get("tau", unused),
                     threads=self.method.threads,
@@ -131,7 +120,7 @@ class OutputError:
             simulated, outcomes = window.loop.run(own, threads=self.method.threads, signals=self.weights)
             completed &= np.array([outcome.completed for outcome in outcomes])
             for errors, (name, weight) in zip(simulated, self.weights.items(), strict=True):
-                errors -= getattr(window, name)
+                errors -= getattr(window, MEASURED[name])
                 errors *= np.sqrt(weight)
                 rows.append(errors.reshape(len(points), -1))
         return np.concatenate(rows, axis=1) if len(rows) > 1 else rows[0], completed
@@ -141,13 +130,13 @@ class OutputError:
         blocks, start, n = [], 0, self.robot.n_dof
         for window in self.windows:
             for _ in self.weights:
-                stop = start + window.q.size
+                stop = start + window.measured.size
                 blocks += [
                     Block(
                         slice(start + joint, stop, n),
                         joint,
                         window.recording,
-                        window.window,
+                        window.number,
                         window.loop.rate_hz,
                     )
                     for joint in range(n)
@@ -187,7 +176,7 @@ class OutputError:
     def divided(self, parts: int) -> OutputError:
         """Return the same problem with every step of its simulations divided into `parts`."""
         other = copy.copy(self)
-        other.windows = [replace(window, loop=window.loop.divided(parts)) for window in self.windows]
+        other.windows = [replace(window, closed_loop=window.loop.divided(parts)) for window in self.windows]
         return other
 
     def no_start(self) -> FitError:
@@ -231,7 +220,7 @@ class OutputError:
             signals = [part for part in (loop.external, law.feedforward) if part is not None]
             push = [np.append(values, rate) for rate, values in signals]
             for array in (
-                *(window.q, window.tau, *motion, *push, law.laws, law.gain, law.saturation),
+                *(window.measured, window.logged, *motion, *push, law.laws, law.gain, law.saturation),
                 *(self.start, self.job.selection.values),
             ):
                 digest.update(np.ascontiguousarray(array).tobytes())
@@ -257,7 +246,7 @@ class OutputError:
                 :, :, self.estimated
             ]
             squares += np.mean(w**2, axis=0)
-            sizes += np.mean(window.tau**2, axis=0)
+            sizes += np.mean(window.logged**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))
         return quotient(np.ones(len(share)), share, 1.0), squares > 0.0
 
@@ -282,14 +271,14 @@ class OutputError:
             own = self.base.standard(x, window.recording)
             (q, _, _, tau), _ = window.loop.run(own[None], threads=self.method.threads)
             # The delay of the measured torque is compensated, and it is trimmed, as in the other methods.
-            (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay.samples)
-            inside = kept_samples(len(torque), window.place, self.job.signal)
-            errors += np.sum((simulated - torque)[inside] ** 2, axis=0)
-            sizes += np.sum(torque[inside] ** 2, axis=0)
-            n_rows += torque[inside].size
-            cost += float(np.sum((q[0] - window.q) ** 2))
+            beside = window.moved_back(delay.samples, self.job.signal)
+            simulated = tau[0][beside.kept]
+            errors += np.sum((simulated - beside.tau) ** 2, axis=0)
+            sizes += np.sum(beside.tau**2, axis=0)
+            n_rows += beside.tau.size
+            cost += float(np.sum((q[0] - window.measured) ** 2))
             positions.append(q[0])
-            pieces.append((window.q, q[0], torque[inside], simulated[inside]))
+            pieces.append((window.measured, q[0], beside.tau, simulated))
         self.n_simulations += len(self.windows)
         run = Run(
             job=self.job,
@@ -334,26 +323,16 @@ def _windows(job: Job, output: Output) -> list[Window]:
             f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}: use output "
             "'position', or DIDIM"
         )
-    windows = []
-    for number, recording in recordings_of(job.experiment):
+    for _, recording in recordings_of(job.experiment):
         if recording.tau is None and output != "position":
             raise FitError(f"recording '{recording.name}' has no torques, which output {output!r} needs")
-        for count, (start, stop) in enumerate(recording.windows):
-            loop = closed_loop(job.experiment, recording, (start, stop))
-            q = np.ascontiguousarray(recording.measured_positions()[start:stop])
-            tau = (
-                np.zeros_like(q)
-                if recording.tau is None
-                else np.ascontiguousarray(without_spikes(recording.tau[start:stop], job.signal))
+    made = windows(job.experiment, job.signal, along="outputs")
+    for window in made:
+        with np.errstate(over="ignore"):
+            sizes = np.linalg.norm(window.logged, axis=0)
+        if not np.isfinite(sizes).all():
+            joint = int(np.argmin(np.isfinite(sizes))) + 1
+            raise FitError(
+                f"recording '{window.name}': the torques of joint {joint} are too large to be squared; check their unit"
             )
-            with np.errstate(over="ignore"):
-                sizes = np.linalg.norm(tau, axis=0)
-            if not np.isfinite(sizes).all():
-                joint = int(np.argmin(np.isfinite(sizes))) + 1
-                raise FitError(
-                    f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
-                )
-            where = place_of(recording, (start, stop))
-            kept_samples(len(q), where, job.signal)  # before the search, not after it
-            windows.append(Window(loop, q, tau, where, number, count))
-    return windows
+    return made

@@ -28,13 +28,14 @@ from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
+from ...signal.window import Window
 from ..job import Job
 from ..uncertainty import with_velocities
 from .iterations import Iterations
 from .problem import Problem
 from .settings import DIDIMSettings
 from .simulator import LogSimulator
-from .windows import Iterate, Simulated, Solved, Window, of_motions
+from .windows import Iterate, Simulated, Solved, of_motions
 
 LEAST = ("step_length", "largest_safe_step")
 """Numbers of an iteration whose least one stands for all limbs; of the others the largest does."""
@@ -111,7 +112,7 @@ class LimbSimulator(LogSimulator):
     def _of_limb(self, window: Window) -> Window:
         (loop,) = (loop for limb, loop in window.loop.limbs if limb.joints == self.limb_in_robot.limb.joints)
         tau = np.ascontiguousarray(window.tau[:, self.limb_in_robot.joints])
-        return replace(window, loop=loop, tau=tau, parameters=self.job.parameters)
+        return replace(window, closed_loop=loop, tau=tau)
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window of the limb; an early end has the number of the joint in the robot."""
@@ -273,7 +274,7 @@ class ByLimb(Iterations):
             q, dq, ddq, tau = map(self._side_by_side, zip(*each, strict=True))
             motions.append((q, dq, ddq, tau))
         number = max(iterate.iteration for iterate in iterates)
-        return Iterate(x, of_motions(windows, x, motions, None), number)
+        return Iterate(x, of_motions(self.problem.base, windows, x, motions, None), number)
 
     def _solved(self) -> Solved:
         """Return the solution of all rows, with the errors of the limbs that ended at the fixed point of a slack loop."""

@@ -39,7 +39,7 @@ from .problem import ConsistentProblem, Problem
 from .settings import DIDIMSettings
 from .simulator import LogSimulator, RateSimulator
 from .slack import MOST_ATTEMPTS, run_to_fixed_point
-from .windows import Iterate, Solved, Step, motion_record, segments_of
+from .windows import Iterate, Solved, Step, along_motion, motion_record
 
 ROUNDING = 1e-10
 """Residual, as a share of the torques, below which it is rounding."""
@@ -196,7 +196,7 @@ class Iterations:
             remarks=[*problem.remarks, *self._remarks, *self._sentences(suspected)],
             evidence=problem.evidence(suspected, point.simulated.error),
         )
-        parts = () if job.parameters.n_gains else segments_of(simulator.windows, point.simulated)
+        parts = () if job.parameters.n_gains else along_motion(simulator.windows, point.simulated)
         return replace(
             fitted(run, system, fit, beta=job.parameters.project(point.x), parts=parts),
             ending=self._ending,

@@ -38,11 +38,11 @@ from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
 from ...result.finding import Finding
-from ...signal.segments import Segment
+from ...signal.window import Window
 from ..start import extended_start, further_of, standard_start
 from .simulability import damping_of, simulable
 from .simulator import LogSimulator, RateSimulator
-from .windows import Iterate, Simulated, Solved, segments_of
+from .windows import Iterate, Solved, along_motion
 
 RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
 """Settings that a result records, in addition to the start."""
@@ -117,7 +117,7 @@ class Problem:
 
     def observe(self, iterate: Iterate) -> LinearSystem:
         """Return (7): measured torques, and the regressor along the simulated motion or with instruments from it."""
-        parts = segments_of(self.simulator.windows, iterate.simulated)
+        parts = along_motion(self.simulator.windows, iterate.simulated)
         along = self._about(iterate, self.job.system(parts, self.base.project(iterate.x)))
         if not self.instrumental:
             return along
@@ -250,12 +250,11 @@ class ConsistentProblem(Problem):
         simulator.prepare(experiment, q, damping, self.direct.standard)
         self.contradictions = [*torque_findings(self.measured), *contradiction_findings(diagnosis(direct))]
 
-    def _references(self) -> list[Segment]:
-        windows, motions = self.simulator.windows_of(self.job.experiment), []
-        for window in windows:
-            q, dq, ddq = (values[window.kept] for values in window.loop.reference.at(window.loop.t))
-            motions.append((q, dq, ddq, window.tau))
-        return segments_of(windows, Simulated(motions, None, 0.0))
+    def _references(self) -> list[Window]:
+        return [
+            window.along([values[window.kept] for values in window.loop.reference.at(window.loop.t)])
+            for window in self.simulator.windows_of(self.job.experiment)
+        ]
 
     def start(self) -> Array:
         """Return the standard parameters of the start, which belong to a robot."""

@@ -12,24 +12,22 @@ import numpy as np
 
 from ..._tools.arrays import Array, quotient
 from ..._tools.threads import core_threads
-from ...errors import DidimError, FitError
+from ...errors import DidimError
 from ...evidence.naming import torque_findings
 from ...experiment.experiment import Experiment
-from ...experiment.loop import closed_loop
+from ...experiment.loop import recordings_of, windows
 from ...loop.outcome import Outcome
 from ...loop.tuning import mean_diagonal
 from ...model.safe_step import thinned
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Reporter
-from ...signal.align import align
-from ...signal.segments import kept_samples, place_of
-from ...signal.spikes import without_spikes
+from ...signal.window import Window
 from ..idim_ls import direct_estimate
-from ..job import Job, recordings_of
+from ..job import Job
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, largest_rates
-from .windows import Simulated, Window, of_motions
+from .windows import Motion, Simulated, beside, of_motions
 
 ABREAST = 8
 """Number of candidates that are simulated at once: a few lanes of the core per thread, in bounded memory."""
@@ -85,34 +83,14 @@ class LogSimulator:
         FitError
             Without a recording to fit, without torques, or when trimming leaves nothing of a window.
         """
-        signal, windows = self.job.signal, []
-        for number, recording in recordings_of(experiment):
-            torque = recording.driving
-            if torque is None:
-                raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
-            held = self.method.motion == "measured"
-            shift = self.delay.measured(recording.rate_hz) if held else self.delay.samples
-            for window, (start, stop) in enumerate(recording.windows):
-                # The torque delay is compensated as in IDIM-LS; the motion is simulated later.
-                samples = np.arange(stop - start, dtype=np.float64)[:, None]
-                (index,), tau = align([samples], without_spikes(torque[start:stop], signal), shift)
-                where = place_of(recording, (start, stop))
-                inside = kept_samples(len(tau), where, signal)
-                first = int(index[0, 0])
-                windows.append(
-                    Window(
-                        loop=closed_loop(experiment, recording, (start, stop)),
-                        name=recording.name,
-                        place=where,
-                        recording=number,
-                        window=window,
-                        tau=np.ascontiguousarray(tau[inside]),
-                        kept=slice(first + inside.start, first + inside.stop),
-                        parameters=self.job.parameters,
-                        drives=None if recording.drives is None else np.array(recording.drives),
-                    )
-                )
-        return windows
+        held = self.delay.hold_s if self.method.motion == "measured" else 0.0
+        return windows(experiment, self.job.signal, along="simulated", delay=self.delay.samples, hold_s=held)
+
+    def run(self, window: Window, x: Array, scale: Array | None) -> tuple[Motion, Outcome]:
+        """Simulate a window with standard parameters, (n_parameters,), and scaled gains, (n_dof,)."""
+        own, gains = self.job.parameters.standard(x, window.recording), None if scale is None else scale[None]
+        arrays, (outcome,) = window.loop.run(own[None], gain_scale=gains)
+        return beside(window, arrays, 0), outcome
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window with parameters `x`, (n_parameters,), and scaled gains, (n_dof,).
@@ -133,25 +111,29 @@ class LogSimulator:
             return run if isinstance(run, Outcome) else replace(run, finer=fine)
         motions = []
         for window in self.windows:
-            motion, outcome = window.run(x, scale)
+            motion, outcome = self.run(window, x, scale)
             self.n_simulations += 1
             if not outcome.completed:
                 return outcome
             motions.append(motion)
-        return of_motions(self.windows, x, motions, scale)
+        return of_motions(self.job.parameters, self.windows, x, motions, scale)
 
     def simulate_all(self, candidates: Sequence[Array]) -> list[Simulated | Outcome]:
         """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
         results: list[Simulated | Outcome] = []
+        standard = self.job.parameters.standard
         for first in range(0, len(candidates), ABREAST):
             some = candidates[first : first + ABREAST]
             runs = [
-                (each, *each.loop.run(np.stack([each.standard(x) for x in some]))) for each in self.windows
+                (each, *each.loop.run(np.stack([standard(x, each.recording) for x in some])))
+                for each in self.windows
             ]
             for k, x in enumerate(some):
                 ended = [outcomes[k] for _, _, outcomes in runs if not outcomes[k].completed]
-                motions = [window.motion(arrays, k) for window, arrays, _ in runs]
-                results.append(ended[0] if ended else of_motions(self.windows, x, motions, None))
+                motions = [beside(window, arrays, k) for window, arrays, _ in runs]
+                results.append(
+                    ended[0] if ended else of_motions(self.job.parameters, self.windows, x, motions, None)
+                )
         self.n_simulations += len(candidates) * len(self.windows)
         return results
 
@@ -164,7 +146,7 @@ class LogSimulator:
 
     def _with_half_steps(self, x: Array, scale: Array | None) -> Array:
         window = self.windows[0]
-        motion, _ = replace(window, loop=window.loop.divided(2)).run(x, scale)
+        motion, _ = self.run(replace(window, closed_loop=window.loop.divided(2)), x, scale)
         return motion[3]
 
     def take_small_steps(self) -> bool:
@@ -176,7 +158,7 @@ class LogSimulator:
             return False
         self._refined, self._usual = True, self.windows
         smallest = min(min(window.loop.steps[0], *window.loop.steps[1]) for window in self.windows) / CAREFUL
-        self.windows = [replace(window, loop=window.loop.even(smallest)) for window in self.windows]
+        self.windows = [replace(window, closed_loop=window.loop.even(smallest)) for window in self.windows]
         self.remarks.append(
             "from this start the simulation fails with the steps of the experiment: until the end is near they are "
             f"{1e3 * smallest:.3g} ms throughout"

@@ -21,7 +21,7 @@ from ...result.iteration import Iteration
 from .convergence import SAFETY, Contraction
 from .problem import Problem
 from .response import Response, noise_of, share_moved
-from .windows import Iterate, Simulated, Solved, segments_of
+from .windows import Iterate, Simulated, Solved, along_motion
 
 SLACK = 0.5
 """Smallest size of J (`share_moved`) of a slack loop."""
@@ -161,7 +161,7 @@ def run_to_fixed_point(
 
 def simulated_rows(problem: Problem, run: Simulated) -> Array:
     """Return the simulated torques in the rows of (7), (r,)."""
-    parts = segments_of(problem.simulator.windows, run)
+    parts = along_motion(problem.simulator.windows, run)
     simulated = [replace(part, tau=motion[3]) for part, motion in zip(parts, run.motions, strict=True)]
     return torque_rows(simulated, problem.job.signal)
 

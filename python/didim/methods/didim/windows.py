@@ -9,56 +9,15 @@ import numpy as np
 
 from ..._tools.arrays import Array, ratio
 from ...evidence.loop.simulated import Piece, compare_motions
-from ...loop.closed_loop import ClosedLoop
 from ...loop.outcome import Outcome
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
 from ...regression.logs.parameters import LogParameters
-from ...signal.segments import Segment
+from ...signal.window import Window
 from ..job import Job
 
 Motion = tuple[Array, Array, Array, Array]
 """Simulated ``q dq ddq tau`` of a window, (n_kept, n_dof) each."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """A window of the log: its closed loop and measured torques."""
-
-    loop: ClosedLoop
-    name: str
-    place: str
-    recording: int
-    window: int
-    tau: Array
-    """Measured torques, aligned and trimmed, (n_kept, n_dof)."""
-    kept: slice
-    """Samples of the window that the torques stand beside."""
-    parameters: LogParameters
-    drives: Array | None = None
-    """Reduction matrix of the motors whose currents stand in place of the torques, (n_dof, n_dof)."""
-
-    def torque(self, x: Array) -> Array:
-        """Return the measured torques; with unknown drive gains the currents times the gains in `x`."""
-        if self.drives is None:
-            return self.tau
-        gains = x[len(x) - self.parameters.n_gains :]
-        return np.asarray((self.tau @ np.linalg.inv(self.drives) * gains) @ self.drives)
-
-    def standard(self, x: Array) -> Array:
-        """Return the standard parameters (p,) of the robot with the payload of this window."""
-        return self.parameters.standard(x, self.recording)
-
-    def run(self, x: Array, scale: Array | None) -> tuple[Motion, Outcome]:
-        """Simulate the window with standard parameters, (n_parameters,), and scaled gains, (n_dof,)."""
-        gains = None if scale is None else scale[None]
-        arrays, (outcome,) = self.loop.run(self.standard(x)[None], gain_scale=gains)
-        return self.motion(arrays, 0), outcome
-
-    def motion(self, arrays: Sequence[Array], candidate: int) -> Motion:
-        """Return the motion of a candidate beside the torques."""
-        q, dq, ddq, tau = (values[candidate][self.kept] for values in arrays)
-        return q, dq, ddq, tau
 
 
 @dataclass(frozen=True)
@@ -121,7 +80,22 @@ class Step:
     """Whether the step keeps the parameters and only simulates them with smaller steps in time."""
 
 
+def measured_torque(logs: LogParameters, window: Window, x: Array) -> Array:
+    """Return the measured torques of a window; with unknown drive gains the currents times the gains in `x`, (p + e,)."""
+    if window.drives is None:
+        return window.tau
+    gains = x[len(x) - logs.n_gains :]
+    return np.asarray((window.tau @ np.linalg.inv(window.drives) * gains) @ window.drives)
+
+
+def beside(window: Window, arrays: Sequence[Array], candidate: int) -> Motion:
+    """Return the motion of a candidate beside the torques of a window."""
+    q, dq, ddq, tau = (values[candidate][window.kept] for values in arrays)
+    return q, dq, ddq, tau
+
+
 def of_motions(
+    logs: LogParameters,
     windows: Sequence[Window],
     x: Array,
     motions: list[Motion],
@@ -130,7 +104,7 @@ def of_motions(
     """Return simulated motions of every window, with the error of their torques."""
     squares, size = 0.0, 0.0
     for window, (_, _, _, tau) in zip(windows, motions, strict=True):
-        measured = window.torque(x)
+        measured = measured_torque(logs, window, x)
         squares += float(np.sum((measured - tau) ** 2))
         size += float(np.sum(measured**2))
     return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
@@ -138,28 +112,13 @@ def of_motions(
 
 def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dict[str, list[float]]:
     """Return the comparison of simulated and measured motion of all windows, for the record of a result."""
-    pieces: list[Piece] = []
-    for window, (q_s, _, _, tau_s) in zip(windows, motion.motions, strict=True):
-        recording = job.experiment.recordings[window.recording]
-        start, stop = recording.windows[window.window]
-        q = recording.measured_positions()[start:stop][window.kept] if recording.has_positions else None
-        pieces.append((q, q_s, window.tau, tau_s))
+    pieces: list[Piece] = [
+        (each.measured[each.kept] if each.measured.size else None, q, each.tau, tau)
+        for each, (q, _, _, tau) in zip(windows, motion.motions, strict=True)
+    ]
     return compare_motions(job.signal, pieces).record()
 
 
-def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:
-    """Return the simulated motion of every window with the measured torques."""
-    return [
-        Segment(
-            name=window.name,
-            place=window.place,
-            recording=window.recording,
-            window=window.window,
-            rate_hz=window.loop.rate_hz,
-            q=np.ascontiguousarray(q),
-            dq=np.ascontiguousarray(dq),
-            ddq=np.ascontiguousarray(ddq),
-            tau=window.tau,
-        )
-        for window, (q, dq, ddq, _) in zip(windows, motion.motions, strict=True)
-    ]
+def along_motion(windows: Sequence[Window], motion: Simulated) -> list[Window]:
+    """Return every window along its simulated motion."""
+    return [window.along(each[:3]) for window, each in zip(windows, motion.motions, strict=True)]

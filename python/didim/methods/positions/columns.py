@@ -16,13 +16,13 @@ from ..._tools.arrays import Array, quotient
 from ..._tools.words import did_you_mean
 from ...errors import FitError
 from ...experiment.experiment import Experiment
+from ...experiment.loop import recordings_of
 from ...experiment.unknown import DRIVE, SOFT, UNITS, Shared, Unknown, joint_kinds
 from ...loop.controller import Controller
 from ...model.consistency import places_of
 from ...model.limbs import Limb
 from ...robot.payload import NOTHING, payload_columns
 from ...robot.transmission import SOFTNESS
-from ..job import recordings_of
 
 Asked = tuple[str, tuple[int, ...], int | None, str]
 """Kind, joints, recording and name of an unknown, as in `Column`."""

@@ -223,8 +223,10 @@ def _inverse(matrix: Array) -> Array:
 
 def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
     """Return cuts of the rows of each rollout into blocks, the number of the block of each sample."""
-    keys = [(rollout.recording, rollout.window) for rollout in problem.rollouts]
-    samples = [rollout.begin + np.arange(rollout.first, len(rollout.q)) for rollout in problem.rollouts]
+    keys = [(rollout.recording, rollout.window.number) for rollout in problem.rollouts]
+    samples = [
+        rollout.window.begin + np.arange(rollout.first, len(rollout.q)) for rollout in problem.rollouts
+    ]
     windows = list(dict.fromkeys(keys))
     if len(windows) >= STRETCHES[1]:
         cut = [np.full(len(at), windows.index(key)) for at, key in zip(samples, keys, strict=True)]

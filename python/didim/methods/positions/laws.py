@@ -213,6 +213,6 @@ def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list
                 strongest,
             )
             for rollout, pairs in zip(rollouts, stretches, strict=True):
-                begin = rollout.begin + rollout.first
+                begin = rollout.window.begin + rollout.first
                 stops += [Stop(joint, rollout.recording, begin + a, begin + b, None, True) for a, b in pairs]
     return stops

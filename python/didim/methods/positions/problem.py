@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array, quotient
 from ...errors import FitError
 from ...experiment.experiment import Experiment
+from ...experiment.loop import recordings_of
 from ...experiment.specs import SimulationSettings
 from ...experiment.unknown import SOFT, joint_kinds
 from ...loop.servos import Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
 from ...robot.transmission import SOFTNESS
-from ..job import recordings_of
+from ...signal.processing import SignalProcessing
+from ...signal.window import Window, windows_of
 from .columns import columns_of, file_values
 from .stops import Stop, free_stretches, refuse_little, stops_of
 
@@ -39,6 +41,8 @@ FINE_SHARE = 0.21
 """Steps near velocity zero, as a share of the time in which joints come to rest with MuJoCo's friction: 2 ms by its defaults."""
 FEWEST_START_SAMPLES = 5
 """Smallest number of samples of that line."""
+UNTRIMMED = SignalProcessing()
+"""Positions are compared as they were measured."""
 LEAST_SIZE = 1e-9
 """Lower bound of torques, speeds, inertias and gains that differences are a share of."""
 
@@ -51,14 +55,12 @@ class Rollout:
     ----------
     limb : Limb
         The limb.
-    recording, window : int
-        Which recording, and which window of it.
+    window : Window
+        The stretch; its number is that of the window of the log which it lies in.
     loop : ServoLoop
         Simulates it.
     q : (n_samples, n_limb_joints) array
         Measured positions.
-    begin : int
-        Its first sample in the recording.
     weight : (n_limb_joints,) array
         Factors of the errors of the joints.
     inertia : (n_limb_joints, n_limb_joints) array
@@ -66,11 +68,9 @@ class Rollout:
     """
 
     limb: Limb
-    recording: int
-    window: int
+    window: Window
     loop: ServoLoop
     q: Array
-    begin: int
     weight: Array
     inertia: Array
 
@@ -82,7 +82,12 @@ class Rollout:
     @property
     def rate_hz(self) -> float:
         """Samples per second."""
-        return self.loop.held.rate_hz
+        return self.window.rate_hz
+
+    @property
+    def recording(self) -> int:
+        """Number of the recording."""
+        return self.window.recording
 
     @property
     def first(self) -> int:
@@ -190,14 +195,16 @@ class Problem:
                 raise FitError(
                     f"recording '{recording.name}' has no commanded positions: [recording.reference]"
                 )
-            measured, rate = recording.measured_positions(), recording.rate_hz
+            rate = recording.rate_hz
             x = self.values.along(number).x
             for (count, window), limb in itertools.product(enumerate(recording.windows), self.limbs):
                 joints, origin = list(limb.joints), np.zeros((1, len(limb.joints)))
                 weight = np.ones(len(joints)) if self.noise is None else 1.0 / np.array(self.noise)[joints]
                 inertia = inertia_matrix(limb.robot, origin, x[limb.indices])[0]
-                for begin, end in free_stretches(self.stops, limb, number, window, rate):
-                    q = np.ascontiguousarray(measured[begin:end][:, joints])
+                spans = free_stretches(self.stops, limb, number, window, rate)
+                for cut in windows_of(recording, UNTRIMMED, number=number, along="outputs", spans=spans):
+                    q = np.ascontiguousarray(cut.measured[:, joints])
+                    begin, end = cut.begin, cut.begin + len(q)
                     loop = ServoLoop(
                         limb.robot,
                         Held(np.ascontiguousarray(recording.q_ref[begin:end][:, joints]), rate),
@@ -206,7 +213,8 @@ class Problem:
                         fine_step_s=FINE_STEP_S if fine is None else float(np.min(fine)),
                         integrator=settings.integrator,
                     )
-                    rollouts.append(Rollout(limb, number, count, loop, q, begin, weight, inertia))
+                    cut = replace(cut, number=count)
+                    rollouts.append(Rollout(limb, cut, loop, q, weight, inertia))
         return rollouts
 
     def _steps(self) -> dict[str, Array]:

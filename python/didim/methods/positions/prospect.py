@@ -11,9 +11,9 @@ import numpy as np
 from ..._tools.arrays import Array, quotient
 from ..._tools.words import series
 from ...experiment.experiment import Experiment
+from ...experiment.loop import recordings_of
 from ...result.finding import Finding, worded
 from ...signal.noise import encoder_noise
-from ..job import recordings_of
 from .knowledge import by_sentence, unidentified, where_of, widening
 from .problem import Problem
 from .search import Search, begun

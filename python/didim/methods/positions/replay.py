@@ -106,10 +106,10 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     theta = np.array([values[column.name] for column in problem.columns])
     replays: dict[tuple[int, int], Replay] = {}
     rollouts = [*problem.rollouts, *problem.held_out]
-    for rollout in sorted(rollouts, key=lambda rollout: (rollout.recording, rollout.window)):
+    for rollout in sorted(rollouts, key=lambda rollout: (rollout.recording, rollout.window.number)):
         recording = experiment.recordings[rollout.recording]
-        first, last = recording.windows[rollout.window]
-        key = rollout.recording, rollout.window
+        first, last = recording.windows[rollout.window.number]
+        key = rollout.recording, rollout.window.number
         if key not in replays:
             assert recording.q_ref is not None
             both = recording.q_ref[first:last], recording.measured_positions()[first:last]
@@ -117,7 +117,7 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
             empty = np.full(both[0].shape, np.nan), np.zeros(both[0].shape, dtype=bool)
             replays[key] = Replay(recording.name, recording.role, t, *both, *empty)
         simulated, _ = problem.positions(rollout, theta[None])
-        begin, end = rollout.begin - first, rollout.begin - first + len(rollout.q)
+        begin, end = rollout.window.begin - first, rollout.window.begin - first + len(rollout.q)
         replays[key].simulated[begin:end, rollout.joints] = simulated[0]
         replays[key].compared[begin + rollout.first : end, rollout.joints] = True
     return list(replays.values())

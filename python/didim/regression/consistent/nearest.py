@@ -26,6 +26,8 @@ from .problem import ConstrainedProblem
 
 NEAREST_DRAWS = 200
 """Number of draws of the estimate."""
+FEWEST_DRAWS = 20
+"""Smallest number of draws, for a first look."""
 OTHER_PRIORS = (0.5, 2.0)
 """Factors on mass and second moments of the alternative priors, which an identified parameter does not depend on."""
 FROM_PRIOR = 0.3
@@ -85,7 +87,7 @@ class Nearness:
     gamma : float
         Weight of the prior (nats).
     draws : int
-        Number of draws for the intervals, at least 20.
+        Number of draws for the intervals, at least `FEWEST_DRAWS`.
     seed : int
         Seed of NumPy's default generator.
     """
@@ -128,8 +130,8 @@ def nearest_robot(
     FitError
         Without standard deviations, and when no robot meets all conditions.
     """
-    if settings.draws < 20:
-        raise FitError(f"intervals need at least 20 draws, got {settings.draws}")
+    if settings.draws < FEWEST_DRAWS:
+        raise FitError(f"intervals need at least {FEWEST_DRAWS} draws, got {settings.draws}")
     gamma, bounds, draws = settings.gamma, settings.bounds, settings.draws
     estimated = selection.estimated
     part = covariance[np.ix_(estimated, estimated)]

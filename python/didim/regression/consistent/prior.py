@@ -33,7 +33,9 @@ LEAST_MASS = 0.1
 DEFAULT_MASS = 3.0
 """Mass (kg) of a generic solid without a log."""
 INNER = 1e-2
-"""Share of a generic solid mixed into the bodies of a given robot: plates and rods have no volume."""
+"""Share of a generic solid mixed into bodies of a given robot that are plates or rods: they have no volume."""
+THIN = 1e-4
+"""Smallest second moment of a body, as a share of a generic solid's, from which it has a volume and is taken as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,7 @@ def drawn(condition: Cone, body: Array, weight: float) -> Cone:
 def prior_near(robot: Robot, x: Array, name: str) -> Prior:
     """Return the prior at given standard parameters, such as those of a URDF or of CAD.
 
-    A small share of a generic solid is mixed in, so plates, rods and missing bodies have a volume.
+    A small share of a generic solid is mixed into plates and rods, so that they have a volume.
 
     Parameters
     ----------
@@ -171,8 +173,12 @@ def prior_near(robot: Robot, x: Array, name: str) -> Prior:
     bodies = []
     for body, solid in zip(pseudo_inertias(robot, x), generic.bodies, strict=True):
         mass = max(body[3, 3], 0.0)
-        known = mass > 0.0 and np.linalg.eigvalsh(body)[0] >= -INNER * mass * solid[0, 0]
-        bodies.append(body + INNER * (mass / DEFAULT_MASS) * solid if known else solid)
+        least, moment = np.linalg.eigvalsh(body)[0], mass * solid[0, 0]
+        if not (mass > 0.0 and least >= -INNER * moment):
+            body = solid
+        elif least < THIN * moment:
+            body = body + INNER * (mass / DEFAULT_MASS) * solid
+        bodies.append(body)
     given = np.array([x[places[f"Ia{j}"]] for j in range(1, robot.n_dof + 1)])
     return Prior(name, tuple(bodies), np.where(given > 0.0, given, 1.0))
 

@@ -24,7 +24,7 @@ from ..logs.parameters import LogParameters
 from ..selection import Selection
 from .bounds import Bounds
 from .logs import log_conditions, log_start
-from .prior import Prior, drawn
+from .prior import GAMMA, Prior, drawn
 
 FRICTION_WEIGHT = 1e-3
 """Weight (nats) of the log-det terms of friction: it keeps the solver inside the constraints without effect on the estimate."""
@@ -124,7 +124,7 @@ class ConstrainedProblem:
             rotors = simulable_cones(drives, wanted.step_s, wanted.rate, wanted.damping, wanted.smoothing)
         bounds = [] if self.bounds is None else self.bounds.cones(self.robot)
         of_drives = [
-            *(_drawn(rotor, self.gamma) for rotor in rotors),
+            *(_drawn(rotor, min(self.gamma, GAMMA)) for rotor in rotors),
             *(_drawn(friction, FRICTION_WEIGHT) for friction in friction_cones(drives)),
         ]
         # The prior counts a rotor once, independently of the number of recordings with their own friction.

@@ -37,7 +37,7 @@ from ..._tools.arrays import Array
 from ..._tools.saved import UNBOUNDED
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.window import Window
 from ..block import Rows
 from ..fit import Fit
 from ..jackknife import intervals
@@ -140,7 +140,7 @@ def friction_alarm(
     system: LinearSystem,
     fit: Fit,
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     load: Sequence[Array],
     encoder_step: Array | None = None,
@@ -156,7 +156,7 @@ def friction_alarm(
         Its solution, with residual and weights.
     robot : Robot
         Robot of the system; load friction that a joint has already is not tested there.
-    parts : sequence of Segment
+    parts : sequence of Window
         Motion along which the columns are.
     signal : SignalProcessing
         Decimation.

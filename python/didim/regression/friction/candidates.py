@@ -17,7 +17,7 @@ from ...model.memory import direction, held_sign, states
 from ...robot.friction import OF_TEMPERATURE, START_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.window import Window
 from ..linear_system import LinearSystem
 from .tested_laws import joint_scales
 from .velocity import decimated, slowest_law
@@ -59,7 +59,7 @@ def pool_of(
     plain: Robot,
     trial: Robot,
     beta: Array,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     system: LinearSystem,
     narrowest: Array,
@@ -104,12 +104,12 @@ def pool_of(
     return pool
 
 
-def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
+def narrowest_memory(parts: Sequence[Window], steps: Array | None) -> Array:
     """Compute the smallest displacement of memory that a log resolves, (n_dof,) (rad or m).
 
     Parameters
     ----------
-    parts : sequence of Segment
+    parts : sequence of Window
         Motion. Between two samples at a reversal a joint goes on by up to an eighth of the second difference of its positions.
     steps : ndarray, shape (n_dof,), optional
         Step of the encoder of each joint (rad or m).
@@ -127,7 +127,7 @@ def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
     return LEAST_STEPS * missed
 
 
-def warming(parts: Sequence[Segment], joint: int) -> tuple[float, list[Array]]:
+def warming(parts: Sequence[Window], joint: int) -> tuple[float, list[Array]]:
     """Return the mean temperature of a joint, rounded (degC), and the temperature above it along each part, (n_samples, 1).
 
     There are no parts where the temperature is not recorded, or varies by less than `LEAST_WARMING`.
@@ -148,7 +148,7 @@ def joints_without_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int,
 def _offers(
     robot: Robot,
     joint: int,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     now: Sequence[Array],
     held: Sequence[Array],
     loads: Sequence[Array],

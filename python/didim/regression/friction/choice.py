@@ -24,7 +24,7 @@ from ..._tools.arrays import Array
 from ...robot.friction import Friction, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.window import Window
 from ..linear_system import LinearSystem
 from .candidates import joints_without_memory, narrowest_memory, pool_of
 from .screen import Folds, Screen, clear, law_at
@@ -91,7 +91,7 @@ class FrictionChoice:
 
 def choose_terms(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     chosen: Chosen,
     solve: Solve,

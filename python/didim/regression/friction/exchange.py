@@ -24,7 +24,7 @@ from ...model.memory import instantaneous
 from ...robot.friction import OF_PATH, FrictionTerm
 from ...robot.parameters import friction_names
 from ...robot.robot import Robot
-from ...signal.segments import Segment
+from ...signal.window import Window
 
 EXCHANGED = 0.95
 """Size of the correlation of two friction parameters from which they exchange: the variance inflation factor of two columns is then
@@ -72,7 +72,7 @@ class Exchange:
 
 def exchanges(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     load: Sequence[Array],
     x: Array,
     names: Sequence[str],
@@ -85,7 +85,7 @@ def exchanges(
     ----------
     robot : Robot
         Robot with known velocities.
-    parts : sequence of Segment
+    parts : sequence of Window
         Motion of the log.
     load : sequence of (n_samples, n_dof) arrays
         Torque of links and rotors along each part (N.m or N).
@@ -129,7 +129,7 @@ def exchanges(
     return tuple(exchanged)
 
 
-def _speeds(robot: Robot, joint: int, parts: Sequence[Segment]) -> Array:
+def _speeds(robot: Robot, joint: int, parts: Sequence[Window]) -> Array:
     """Return speeds inside the log (rad/s or m/s); none for a joint that rests."""
     sizes = [np.abs(part.dq[instantaneous(robot, part.dq)[:, joint] != 0.0, joint]) for part in parts]
     moving = np.concatenate(sizes)

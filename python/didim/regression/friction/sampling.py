@@ -27,7 +27,7 @@ from ...model.memory import instantaneous
 from ...robot.robot import Robot
 from ...signal.filters import SLOW, low_pass
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.window import Window
 from .tested_laws import joint_scales
 
 TURN = 0.01
@@ -36,7 +36,7 @@ Stribeck velocity that is tested, so the laws remain visible. Chosen on the UR10
 
 
 def sampling_errors(
-    robot: Robot, parts: Sequence[Segment], parameters: Sequence[Array], load: Sequence[Array]
+    robot: Robot, parts: Sequence[Window], parameters: Sequence[Array], load: Sequence[Array]
 ) -> list[list[Array]]:
     """Return the errors of the torques along each part.
 
@@ -44,7 +44,7 @@ def sampling_errors(
     ----------
     robot : Robot
         The model.
-    parts : sequence of Segment
+    parts : sequence of Window
         Motion with derivatives by central differences.
     parameters : sequence of ndarray, shape (n_parameters,)
         Standard parameters along each of the parts.
@@ -62,7 +62,7 @@ def sampling_errors(
 
 
 def slow_errors(
-    errors: Sequence[Sequence[Array]], parts: Sequence[Segment], signal: SignalProcessing
+    errors: Sequence[Sequence[Array]], parts: Sequence[Window], signal: SignalProcessing
 ) -> list[list[Array]]:
     """Return the errors of `sampling_errors` through a low pass; none without a cut-off, or where they cannot be filtered."""
     if not errors or signal.cutoff_hz is None:
@@ -78,7 +78,7 @@ def slow_errors(
     return [list(error) for error in zip(*(np.split(one, len(errors), 1) for one in passed), strict=True)]
 
 
-def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
+def _errors(robot: Robot, part: Window, x: Array, rigid: Array) -> list[Array]:
     """Return the errors along one part."""
     q, dq, ddq = part.q, part.dq, part.ddq
     torque, bend = inverse_dynamics(robot, q, dq, ddq, x), _curvature(dq)

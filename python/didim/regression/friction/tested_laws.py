@@ -12,7 +12,7 @@ from ..._tools.arrays import Array
 from ...model.memory import FADED, direction, start_column, state
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.window import Window
 from .velocity import decimated
 
 STRIBECK = (0.05, 0.1, 0.2, 0.4)
@@ -49,7 +49,7 @@ class LawColumns:
     amplitude: Array
     width: Array | None = None
 
-    def start(self, parts: Sequence[Segment], signal: SignalProcessing) -> Array | None:
+    def start(self, parts: Sequence[Window], signal: SignalProcessing) -> Array | None:
         """Return the columns of the unknown state at the first sample, (n_rows, n_dof); None for a law without memory."""
         if self.width is None:
             return None
@@ -67,7 +67,7 @@ def joint_scales(robot: Robot) -> Array:
 
 def laws_to_test(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     load: Sequence[Array],
     encoder_step: Array,

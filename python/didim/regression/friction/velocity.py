@@ -21,7 +21,7 @@ from ...robot.friction import FrictionTerm, Law
 from ...robot.robot import Robot
 from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment, at_place
+from ...signal.window import Window, at_place
 from ..linear_system import LinearSystem, linear_system
 from ..selection import select
 
@@ -31,7 +31,7 @@ Solve = Callable[[LinearSystem], tuple[Array, Array]]
 Chosen = tuple[dict[str, float], tuple[str, ...]]
 """Fixed parameters with their values, and dropped ones."""
 
-Shape = Callable[[Robot, FrictionTerm, Array, Segment], Array]
+Shape = Callable[[Robot, FrictionTerm, Array, Window], Array]
 """Columns of a law at velocities or widths (k,), along a segment: (n_samples, k)."""
 
 RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
@@ -119,14 +119,14 @@ class _Along:
     """A robot along the segments of a log, with the system that was made of them."""
 
     robot: Robot
-    parts: Sequence[Segment]
+    parts: Sequence[Window]
     signal: SignalProcessing
     system: LinearSystem
 
 
 def settled(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     chosen: Chosen,
     solve: Solve,
@@ -139,7 +139,7 @@ def settled(
     ----------
     robot : Robot
         Some of its friction terms have unknown velocities, or depend on the load.
-    parts : sequence of Segment
+    parts : sequence of Window
         Filtered motion and torque.
     signal : SignalProcessing
         Decimation.
@@ -183,7 +183,7 @@ def settled(
 
 
 def with_slopes(
-    system: LinearSystem, robot: Robot, parts: Sequence[Segment], signal: SignalProcessing
+    system: LinearSystem, robot: Robot, parts: Sequence[Window], signal: SignalProcessing
 ) -> LinearSystem:
     """Return a system with what the log leaves open of its friction laws: derivatives by estimated velocities, and other laws.
 
@@ -193,7 +193,7 @@ def with_slopes(
         Made of `parts`.
     robot : Robot
         Its terms say which velocities were estimated, and what fits as well.
-    parts : sequence of Segment
+    parts : sequence of Window
         Motion along which the columns are.
     signal : SignalProcessing
         Decimation.
@@ -225,7 +225,7 @@ def other_curve(term: FrictionTerm) -> FrictionTerm:
 
 def _without_load(
     robot: Robot,
-    parts: Sequence[Segment],
+    parts: Sequence[Window],
     signal: SignalProcessing,
     chosen: Chosen,
     solve: Solve,
@@ -302,7 +302,7 @@ def _range(robot: Robot, term: FrictionTerm) -> tuple[float, float]:
     return min(max(low, slowest_law(robot, term.joint)), 0.5 * high), high
 
 
-def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
+def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Window) -> Array:
     """Return the columns of a law at velocities or widths (k,), along the motion of its joint: (n_samples, k)."""
     if term.law == "dahl":
         first = instantaneous(robot, part.dq[:1])[0, term.joint]
@@ -314,7 +314,7 @@ def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> 
     return np.asarray(sign * np.exp(-np.square(dq / velocities)))
 
 
-def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
+def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Window) -> Array:
     """Return their derivatives by the velocity or width."""
     if term.law == "dahl":
         near = _law(robot, term, np.outer((1.0 + WIDTH_CHANGE, 1.0 - WIDTH_CHANGE), velocities).ravel(), part)
@@ -335,7 +335,7 @@ def _columns(log: _Along, term: FrictionTerm, velocities: Array, shape: Shape = 
     return columns
 
 
-def decimated(values: Sequence[Array], parts: Sequence[Segment], signal: SignalProcessing) -> Array:
+def decimated(values: Sequence[Array], parts: Sequence[Window], signal: SignalProcessing) -> Array:
     """Return signals of the segments, (n_samples, k) each, on the rows of the system, (n_rows, k)."""
     rows = []
     for part, value in zip(parts, values, strict=True):

@@ -87,7 +87,7 @@ def error_table(record: PositionRecord) -> list[tuple[str, ...]]:
                 (
                     title,
                     *(
-                        "  ".join(_milli(values[joint - 1]) for joint in limb["joints"])
+                        "  ".join(milli(values[joint - 1]) for joint in limb["joints"])
                         for limb in record.limbs
                     ),
                 )
@@ -95,7 +95,8 @@ def error_table(record: PositionRecord) -> list[tuple[str, ...]]:
     return rows
 
 
-def _milli(value: float | None) -> str:
+def milli(value: float | None) -> str:
+    """Return a value in thousandths; a dash for an unknown one."""
     return "-" if value is None or not math.isfinite(value) else f"{1e3 * value:.2f}"
 
 

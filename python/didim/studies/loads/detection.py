@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._tools.arrays import Array, true_ranges
 from ..._tools.words import series
+from ...evidence.applied.load import CLEAR_SIGMA
 from ...robot.rigid_body import INERTIAL
 
 APART_S = 0.15
@@ -26,8 +27,6 @@ CLEAR_PAYLOAD_GAIN = 60.0
 """Reduction of the squared weighted residual by a payload change, which has ten parameters, from which it is reported."""
 CLEAR_SHARE = 0.3
 """Share of the squared residual after the change that it must explain."""
-CLEAR_SIGMA = 5.0
-"""Standard deviations by which its mass or first moments must differ from zero."""
 
 
 @dataclass(frozen=True)
@@ -152,12 +151,6 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
             )
         )
     return touched
-
-
-def clearly_loaded(ten: Array, std: Array) -> bool:
-    """Whether mass or first moments of a payload, of its ten parameters, differ clearly from zero."""
-    moments = [INERTIAL.index(name) for name in ("M", "MX", "MY", "MZ")]
-    return bool((np.abs(ten) > CLEAR_SIGMA * std)[moments].any())
 
 
 def payload_change(

@@ -8,6 +8,7 @@ have a part from the noise of the log, by the jackknife over its blocks of time,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,23 +16,27 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import brief, series
 from ...errors import FitError
+from ...evidence.applied.load import body_findings, load_findings
+from ...evidence.applied.log import AppliedLog, Errors, applied_findings
 from ...experiment.experiment import Experiment
+from ...log.recording import Recording
 from ...methods.method import FitSettings
 from ...regression.covariance import decimated
 from ...regression.jackknife import Factors, independent, intervals
 from ...regression.linear_system import LinearSystem, linear_system
 from ...regression.logs.body import nearest_bodies
-from ...regression.logs.parameters import LogParameters
+from ...regression.logs.parameters import ColumnBlock, LogParameters
 from ...regression.settings import LeastSquaresSettings
 from ...regression.weights import joint_sigma, per_row
+from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.uncertainty import student_factor
 from ...robot.correspondence import Pose, homogeneous
 from ...robot.payload import NOTHING, Payload, frame_of_payloads
 from ...robot.rigid_body import central, pseudo_inertia, roll_pitch_yaw
 from ...robot.robot import Robot
-from ..loaded import unloaded, with_gains_of
-from ..prediction import with_friction_of
+from ...signal.window import Window
+from ..loaded import as_fitted, unloaded
 from ..validation import same_robot
 from .payload_result import PayloadEstimate
 
@@ -49,6 +54,10 @@ EXACT_VARIANCE = 1e-14
 """Variance, as a share of the largest with each parameter in its own unit, below which a direction of the robot is exact."""
 
 
+UNKNOWN_BODY = frozenset({"no-load", "load-inside", "absurd-load"})
+"""Codes of findings by which centre and inertia of a payload are not known."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Solved:
     """Estimate of the log's further parameters."""
@@ -58,6 +67,35 @@ class _Solved:
     residual: Array
     degrees_of_freedom: float
     n_blocks: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Found:
+    """A log as the result reads it, and the payload in it.
+
+    `entries` are those of the payload among the further parameters, `known` and `columns` make its ten parameters of them, and
+    `missing` are those that the arm cannot identify.
+    """
+
+    experiment: Experiment
+    parameters: LogParameters
+    parts: Sequence[Window]
+    system: LinearSystem
+    solved: _Solved
+    entries: slice
+    known: Array
+    columns: Array
+    missing: tuple[str, ...]
+
+    @property
+    def theta(self) -> Array:
+        """Unknown parameters of the payload, (k,)."""
+        return self.solved.theta[self.entries]
+
+    @property
+    def covariance(self) -> Array:
+        """Their covariance, (k, k)."""
+        return self.solved.covariance[self.entries, self.entries]
 
 
 def identify_payload(
@@ -93,7 +131,27 @@ def identify_payload(
     -----
     ``test_payload.py`` compares errors with standard deviations; ``benches/payloads.py`` does so for ten random payloads.
     """
-    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
+    found, estimate, taken = _found(fit, experiment, link)
+    evidence = [*taken, *_evidence(fit, found, estimate)]
+    estimate = replace(estimate, fit_error=fit.relative_error, evidence=tuple(evidence))
+    if any(finding.code in UNKNOWN_BODY or finding.grade == "wrong" for finding in evidence):
+        return estimate
+    if found.missing:
+        remark = f"this arm cannot identify {series(found.missing)}, so there is no complete body"
+        return replace(estimate, remarks=(*estimate.remarks, remark))
+    return _with_body(estimate, found, seed)
+
+
+def payload_in(fit: Identification, experiment: Experiment, link: str | None = None) -> PayloadEstimate:
+    """Return the estimate of `identify_payload` without its body and without evidence: ten parameters and their covariance."""
+    return _found(fit, experiment, link)[1]
+
+
+def _found(
+    fit: Identification, experiment: Experiment, link: str | None
+) -> tuple[_Found, PayloadEstimate, list[Finding]]:
+    """Estimate the further parameters of a log as the result reads it; return the payload among them, and a note on the reading."""
+    experiment, taken = as_fitted(fit, experiment)
     same_robot(fit, experiment)
     if not fit.std.any():
         raise FitError(
@@ -110,24 +168,40 @@ def identify_payload(
     beta = robot.base_parameters.project(fit.parameters)  # for load friction, without the payload
     system = linear_system(robot, parts, job.signal, parameters.select({}, ()), beta, parameters)
     solved = _solve(fit, system, parameters, job.settings)
-    payload = experiment.payloads[name]
-    known, columns, names = payload.split
     block, entries = next(
         (block, entries)
         for block, entries in parameters.slices()
         if (block.kind, block.owner) == ("payload", name)
     )
+    known, columns, names = experiment.payloads[name].split
     chosen = columns[:, [names.index(entry) for entry in block.names]]
-    theta, covariance = solved.theta[entries], solved.covariance[entries, entries]
+    found = _Found(
+        experiment=experiment,
+        parameters=parameters,
+        parts=parts,
+        system=system,
+        solved=solved,
+        entries=entries,
+        known=known,
+        columns=chosen,
+        missing=tuple(entry for entry in names if entry not in block.names),
+    )
+    return found, _estimate(found, block), taken
+
+
+def _estimate(found: _Found, block: ColumnBlock) -> PayloadEstimate:
+    """Return the estimate of a payload's block of parameters, without its body."""
+    experiment, solved, system = found.experiment, found.solved, found.system
+    robot, payload = experiment.robot, experiment.payloads[block.owner]
     sizes = system.norms(system.measured)
-    estimate = PayloadEstimate(
-        name=name,
+    return PayloadEstimate(
+        name=block.owner,
         robot=robot.name,
         log=experiment.name,
         frame=frame_of_payloads(robot, experiment.flange, payload),
         names=block.names,
-        ten=known + chosen @ theta,
-        covariance=chosen @ covariance @ chosen.T,
+        ten=found.known + found.columns @ found.theta,
+        covariance=found.columns @ found.covariance @ found.columns.T,
         degrees_of_freedom=solved.degrees_of_freedom,
         n_blocks=solved.n_blocks,
         relative_error=system.norms(solved.residual) / np.where(sizes > 0.0, sizes, np.nan),
@@ -136,17 +210,50 @@ def identify_payload(
                 float(solved.theta[where][k]),
                 float(np.sqrt(solved.covariance[where, where][k, k])),
             )
-            for entry, where in parameters.slices()
+            for entry, where in found.parameters.slices()
             if entry.kind in ("offset", "friction")
             for k in range(len(entry.names))
         },
         remarks=other_frames(robot, experiment.flange) if payload.link is None else (),
     )
-    if len(block.names) < len(names):
-        missing = [entry for entry in names if entry not in block.names]
-        remark = f"this arm cannot identify {series(missing)}, so there is no complete body"
-        return replace(estimate, remarks=(*estimate.remarks, remark))
-    return _with_body(estimate, theta, covariance, known, chosen, seed)
+
+
+def _evidence(fit: Identification, found: _Found, estimate: PayloadEstimate) -> list[Finding]:
+    """Return what speaks against a payload: errors above those of the fit, what explains them, and a load that is none."""
+    system, parameters, b = found.system, found.parameters, found.parameters.n_base
+    robot = found.experiment.robot
+    root = np.sqrt(max(1, system.y.size // robot.n_dof))
+    errors = Errors.beside(
+        fit, system.norms(found.solved.residual) / root, system.norms(system.measured) / root
+    )
+    beta = robot.base_parameters.project(fit.parameters)
+    fitted = [recording for recording in found.experiment.recordings if recording.role == "fit"]
+    known = np.concatenate([beta, np.full(parameters.n_further, np.nan)])
+    log = AppliedLog(robot, found.experiment.signal, parameters, known, found.parts, fitted)
+    findings = applied_findings(log, errors)
+    if any(finding.grade == "wrong" for finding in findings):
+        return findings  # what the load is comes from that
+    load = system.w[:, b:][:, found.entries] @ found.theta
+    load = load if system.known is None else load + system.known
+    own = float(np.linalg.norm(system.w[:, :b] @ beta))
+    return [
+        *findings,
+        *load_findings(
+            estimate.ten,
+            estimate.std,
+            estimate.degrees_of_freedom,
+            estimate.names,
+            float(np.linalg.norm(load)) / own if own > 0.0 else 0.0,
+            same_log=_of_the_fit(fit, fitted),
+        ),
+    ]
+
+
+def _of_the_fit(fit: Identification, recordings: Sequence[Recording]) -> bool:
+    """Whether data of the recordings are those of a fit that knew of no payload, by the digests of their files."""
+    known = {digest for key, digest in fit.digests.items() if key.startswith("data ")}
+    own = {digest for recording in recordings for digest in recording.digests.values()}
+    return bool(known & own) and (fit.further is None or not fit.further.payloads)
 
 
 def other_frames(robot: Robot, flange: Pose | None) -> tuple[str, ...]:
@@ -259,10 +366,9 @@ def _root(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * vectors[:, known] * np.sqrt(values[known]))
 
 
-def _with_body(
-    estimate: PayloadEstimate, theta: Array, covariance: Array, known: Array, columns: Array, seed: int
-) -> PayloadEstimate:
+def _with_body(estimate: PayloadEstimate, found: _Found, seed: int) -> PayloadEstimate:
     """Return the estimate with its nearest body, and intervals from draws."""
+    theta, covariance, known, columns = found.theta, found.covariance, found.known, found.columns
     factor = student_factor(0.95, estimate.degrees_of_freedom) / student_factor(0.95, float("inf"))
     noise = np.random.default_rng(seed).standard_normal((PAYLOAD_DRAWS, len(theta)))
     draws = theta + factor * noise @ np.linalg.cholesky(covariance).T
@@ -271,13 +377,6 @@ def _with_body(
     low, high = np.quantile(numbers[1:], [0.025, 0.975], axis=0)
     moved = np.linalg.lstsq(columns, bodies[0] - known, rcond=None)[0] - theta
     half = 0.5 * float(moved @ np.linalg.solve(covariance, moved))
-    remarks = estimate.remarks
-    if half > len(theta):
-        remarks = (
-            *remarks,
-            f"the estimate is half a squared distance of {half:.3g} from the nearest body: more than noise explains; the robot, "
-            "the log or its offsets are not those of the result",
-        )
     return replace(
         estimate,
         body=numbers[0],
@@ -285,7 +384,7 @@ def _with_body(
         body_low=low,
         body_high=high,
         half_distance=half,
-        remarks=remarks,
+        evidence=(*estimate.evidence, *body_findings(half, len(theta))),
     )
 
 

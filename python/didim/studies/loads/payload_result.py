@@ -13,8 +13,10 @@ from ..._tools.arrays import Array
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ..._tools.saved import plain
+from ...result.finding import Finding
 from ...result.table import table_lines
 from ...result.uncertainty import student_factor
+from ...result.verdict import Verdict
 from ...robot.payload import UNITS
 from ...robot.rigid_body import INERTIAL
 
@@ -26,7 +28,7 @@ BODY_FACTORS = np.array([1.0, *(1e3,) * 3, *(1.0,) * 6])
 """Factors from SI to the units of teach pendants."""
 
 
-SAVED = ("covariance", "degrees_of_freedom", "offsets", "relative_error", "remarks")
+SAVED = ("covariance", "degrees_of_freedom", "offsets", "relative_error", "fit_error", "remarks")
 """Fields that JSON has under their own name."""
 
 
@@ -54,15 +56,19 @@ class PayloadEstimate(Pickled, Printed):
         Error of the torques of each joint over the torques, 0.07 = 7 %.
     offsets : mapping of str to (float, float)
         Own offsets and friction of the log, less those of the robot, with standard deviations.
+    fit_error : (n_dof,) array
+        The same of the fit, on its log.
     body : (10,) array or None
         Mass (kg), centre (m) and inertia ``XX XY XZ YY YZ ZZ`` about the centre (kg.m^2) of the nearest body; None if the arm
-        cannot identify all of it.
+        cannot identify all of it, if no load is seen, or if the verdict is wrong.
     body_std, body_low, body_high : (10,) arrays or None
         Standard deviations and 95 % intervals, from draws projected to bodies.
     half_distance : float
         Half the squared distance of the estimate from the nearest body (nats).
     remarks : tuple of str
         Sentences on the result.
+    evidence : tuple of Finding
+        Findings against the estimate, and notes: see `verdict`.
     """
 
     name: str
@@ -75,6 +81,7 @@ class PayloadEstimate(Pickled, Printed):
     degrees_of_freedom: float
     n_blocks: int
     relative_error: Array
+    fit_error: Array = field(default_factory=lambda: np.zeros(0))
     offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     body: Array | None = None
     body_std: Array | None = None
@@ -82,6 +89,13 @@ class PayloadEstimate(Pickled, Printed):
     body_high: Array | None = None
     half_distance: float = float("nan")
     remarks: tuple[str, ...] = ()
+    evidence: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the log is one of the robot of the result, and its load a load: sound, doubtful or wrong, with the reasons."""
+        notes = [Finding(code="remark", grade="note", facts={"text": text}) for text in self.remarks]
+        return Verdict.of([*self.evidence, *notes])
 
     @property
     def std(self) -> Array:
@@ -103,16 +117,17 @@ class PayloadEstimate(Pickled, Printed):
         lines += ["inertial parameters in these coordinates, as estimated", *self._ten_lines()]
         for name, (value, std) in self.offsets.items():
             lines.append(f"{name} less that of the robot: {value:.4g} +- {std:.2g}")
-        errors = ", ".join(f"{100.0 * value:.3g}" for value in self.relative_error)
-        lines += ["", f"relative error of the torques: {errors} %"]
+        rows = [("relative error, %", *(f"joint {joint + 1}" for joint in range(len(self.relative_error))))]
+        for title, values in (("on this log", self.relative_error), ("of the fit", self.fit_error)):
+            if len(values):
+                rows.append((title, *(f"{100.0 * value:.3g}" for value in values)))
+        lines += ["", *table_lines(rows)]
         lines.append(
             "sigma has the noise of the log"
             + (f" (jackknife, {self.n_blocks} blocks of time)" if self.n_blocks else "")
             + " and the covariance of the robot in it"
         )
-        if self.remarks:
-            lines += ["", "Notes:", *(f"  {text}" for text in self.remarks)]
-        return "\n".join(lines)
+        return "\n".join([*lines, "", str(self.verdict)])
 
     def _body_lines(self) -> list[str]:
         assert self.body is not None
@@ -165,6 +180,7 @@ class PayloadEstimate(Pickled, Printed):
             "flange_std": dict(zip(INERTIAL, plain(self.std), strict=True)),
             "body": body,
             **{key: plain(getattr(self, key)) for key in SAVED},
+            "verdict": self.verdict.to_dict(),
         }
 
 

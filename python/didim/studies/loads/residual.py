@@ -20,28 +20,34 @@ from ..._tools.pickling import Pickled
 from ..._tools.saved import plain
 from ..._tools.settings import positive
 from ...errors import DidimError, ExperimentError, FitError
+from ...evidence.applied.load import clearly_loaded
+from ...evidence.applied.log import AppliedLog, Errors, applied_findings
+from ...evidence.products import BLOCKS
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
 from ...loop.tuning import largest_coulomb
 from ...methods.job import Delay
+from ...methods.method import FitSettings
 from ...regression.linear_system import linear_system
-from ...regression.logs.parameters import independent
+from ...regression.logs.parameters import LogParameters, independent
 from ...regression.selection import select
+from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.table import table_lines
 from ...result.uncertainty import student_factor
+from ...result.verdict import Verdict
 from ...robot.payload import NOTHING, Payload, ends, payload_columns
 from ...robot.robot import Robot
 from ...signal.align import align
 from ...signal.noise import stamp_noise
-from ...signal.segments import segments
 from ...signal.spikes import without_spikes
-from ..loaded import standard_in, with_gains_of
-from ..prediction import predict, with_friction_of
+from ...signal.window import windows_of
+from ..loaded import as_fitted, standard_in, unloaded
+from ..prediction import Prediction, predict
 from ..validation import same_robot
-from .detection import Contact, PayloadChange, clearly_loaded, contacts, payload_change, shortest_s
+from .detection import Contact, PayloadChange, contacts, payload_change, shortest_s
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
-from .payload import UNNAMED, identify_payload
+from .payload import UNNAMED, payload_in
 
 CONTACT_THRESHOLD = 6.0
 """External torque, in standard deviations, from which the observer reports a contact."""
@@ -108,6 +114,10 @@ class Residual(Pickled, Printed):
         Names of the joints; empty where the robot has none.
     settings : mapping
         Bandwidth of the observer (Hz) and threshold (standard deviations).
+    fit_error : (n_dof,) array
+        Root mean square of the errors of the fit on its own log (N.m or N).
+    evidence : tuple of Finding
+        Findings against the log or the result, and notes: see `verdict`.
     """
 
     fit: str
@@ -116,6 +126,13 @@ class Residual(Pickled, Printed):
     windows: tuple[ExternalTorque, ...]
     joint_names: tuple[str, ...] = ()
     settings: Mapping[str, float] = field(default_factory=dict)
+    fit_error: Array = field(default_factory=lambda: np.zeros(0))
+    evidence: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the log is one of the robot of the result, read as that of the fit was; contacts are no reason against it."""
+        return Verdict.of(self.evidence)
 
     @property
     def quiet(self) -> bool:
@@ -129,6 +146,7 @@ class Residual(Pickled, Printed):
             rows = [
                 ("", *(f"joint {joint + 1}" for joint in range(n))),
                 ("rms along the motion", *(f"{value:.3f}" for value in rms(window.torque))),
+                ("that of the fit", *(f"{value:.3f}" for value in self.fit_error)),
                 ("sigma of the prediction", *(f"{value:.3f}" for value in rms(window.std))),
                 ("rms of the observer", *(f"{value:.3f}" for value in rms(window.observed))),
                 ("its limit, median", *(f"{value:.3f}" for value in np.median(window.limits, axis=0))),
@@ -139,7 +157,7 @@ class Residual(Pickled, Printed):
             if window.payload_change is not None:
                 pushes.insert(0, str(window.payload_change))
             lines += pushes or ["no external torque"]
-        return "\n".join(lines)
+        return "\n".join([*lines, "", str(self.verdict)])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the detections, as plain lists and numbers, without the samples."""
@@ -149,6 +167,8 @@ class Residual(Pickled, Printed):
             "robot": self.robot,
             "settings": dict(self.settings),
             "quiet": self.quiet,
+            "fit_rms": self.fit_error.tolist(),
+            "verdict": self.verdict.to_dict(),
             "windows": [
                 {
                     "recording": window.recording,
@@ -224,12 +244,13 @@ def residual_torques(
     """
     positive("bandwidth_hz", bandwidth_hz, FitError)
     positive("threshold", threshold, FitError)
-    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
+    experiment, taken = as_fitted(fit, experiment)
     same_robot(fit, experiment)
     predictions = predict(fit, experiment, role="all", motion="measured", as_fitted=False)
     loaded = standard_in(fit, experiment, experiment.robot)
     windows = iter(predictions)
-    windows_seen = []
+    windows_seen: list[ExternalTorque] = []
+    evidence = list(taken)
     for number, recording in enumerate(experiment.recordings):
         for window in range(len(recording.windows)):
             prediction = next(windows)
@@ -249,6 +270,9 @@ def residual_torques(
                     threshold,
                 )
             )
+            change = windows_seen[-1].payload_change
+            evidence += _evidence(fit, experiment, recording, window, loaded[number], prediction, change)
+    assert fit.uncertainty is not None  # the limits need standard deviations
     return Residual(
         fit=fit.name,
         log=experiment.name,
@@ -256,7 +280,44 @@ def residual_torques(
         windows=tuple(windows_seen),
         joint_names=experiment.robot.joint_names,
         settings={"bandwidth_hz": bandwidth_hz, "threshold": threshold},
+        fit_error=fit.uncertainty.joint_std,
+        evidence=tuple(evidence),
     )
+
+
+def _evidence(
+    fit: Identification,
+    experiment: Experiment,
+    recording: Recording,
+    window: int,
+    x: Array,
+    prediction: Prediction,
+    change: PayloadChange | None,
+) -> list[Finding]:
+    """Return what the errors of a window say; a push and a payload that changes, which are found beside, speak against nothing.
+
+    The errors are those of the median stretch of time, so that a push is none.
+    """
+    cuts = np.array_split(np.arange(len(prediction.t)), BLOCKS)
+    error = np.sqrt(np.median([np.mean(prediction.residual[cut] ** 2, axis=0) for cut in cuts], axis=0))
+    errors = Errors.beside(fit, error, rms(prediction.measured))
+    if not errors.larger:
+        return []
+    delay = FitSettings().job(unloaded(experiment)).delay()
+    spans = recording.windows[window : window + 1]
+    parts = windows_of(recording, experiment.signal, delay=delay.samples, hold_s=delay.hold_s, spans=spans)
+    robot = experiment.robot
+    logs = LogParameters(robot, (), {}, {}, {})
+    beta = robot.base_parameters.project(x)
+    found = applied_findings(AppliedLog(robot, experiment.signal, logs, beta, parts, [recording]), errors)
+    if change is None or any(
+        finding.grade == "wrong" and finding.code != "undeclared-load" for finding in found
+    ):
+        return found
+    # The change of the payload is the answer, and explains the errors.
+    return [
+        replace(each, grade="doubtful") for each in found if each.code == "undeclared-load" and change.whole
+    ]
 
 
 def _window(
@@ -334,7 +395,9 @@ def _payload_change(
     """Detect a payload change in the rows of a window."""
     robot = experiment.robot
     shift = Delay.recorded(fit.delay).samples
-    part = segments(recording, experiment.signal, shift)[window]
+    (part,) = windows_of(
+        recording, experiment.signal, delay=shift, spans=recording.windows[window : window + 1]
+    )
     beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
     n = robot.n_dof
@@ -366,7 +429,7 @@ def _weighed(
     x: Array,
     change: PayloadChange,
 ) -> PayloadChange | None:
-    """Return a payload change with estimate and standard deviations of `identify_payload`; None if it is not significant.
+    """Return a payload change with estimate and standard deviations of `payload_in`; None if it is not significant.
 
     These include the correlation of the residual and the uncertainty of the robot, which the search ignores.
     """
@@ -378,7 +441,7 @@ def _weighed(
     # With the parameters of this recording, payload included, the estimate is the change.
     here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
     try:
-        payload_fit = identify_payload(here, replace(experiment, recordings=(rest,)), link=change.link)
+        payload_fit = payload_in(here, replace(experiment, recordings=(rest,)), change.link)
     except DidimError:  # too few rows after the change to estimate it
         return replace(change, std=(0.0,) * len(change.std))
     if not clearly_loaded(payload_fit.ten, payload_fit.std):
