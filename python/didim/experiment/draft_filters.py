@@ -254,10 +254,7 @@ def error_sentence(error: float, name: str) -> str:
     text = f"relative error of the fit (idim-ls): {percent_text(100.0 * error)} %"
     if error <= USUAL_ERROR:
         return text
-    return (
-        f"{text}, which is not usual: logs of arms that are read rightly leave less than {100.0 * USUAL_ERROR:.0f} %; "
-        f"`didim check {name}` looks for a wrong unit, side, order or robot"
-    )
+    return f"{text}, which is not usual (below {100.0 * USUAL_ERROR:.0f} %): `didim check {name}` looks for the cause"
 
 
 def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:

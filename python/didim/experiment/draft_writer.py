@@ -291,7 +291,7 @@ class RecordingWriter:
         option = f"--columns {table}=...{' (or current)' if torque else ''}, "
         blocks = self._open_blocks() or self._other_count(table)
         if not self.source.named and len(self.source.columns) == 1:
-            blocks = "; if the file has the values of all joints line by line, --values-per-sample says how many make a sample"
+            blocks = " (or --values-per-sample N?)"
         if self.source.joints:
             known = series(self.source.joints, 60)
             self._ask(
