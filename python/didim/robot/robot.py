@@ -176,6 +176,8 @@ class Robot(Pickled):
         Sentences on changes made while reading the file, such as snapped right angles.
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
+    cut : tuple of str
+        Closed loops of an MJCF that the model, a tree, does not have; a fit refuses such a robot. Empty with ``open``.
     origins : mapping of str to Origin
         Logs that parameter sets were identified from, by the name of the set.
     softness : tuple of (float, float)
@@ -198,6 +200,7 @@ class Robot(Pickled):
     notes: tuple[str, ...] = ()
     actuators: tuple[Actuator | None, ...] = ()
     softness: tuple[tuple[float, float], ...] = ()
+    cut: tuple[str, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
@@ -229,6 +232,20 @@ class Robot(Pickled):
             return self.geometry.core(self.friction)
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
+
+    def check_closed(self) -> None:
+        """Refuse a robot whose closed loops were cut without consent.
+
+        Raises
+        ------
+        RobotError
+            When there are such loops (``tests/test_mjcf.py``).
+        """
+        if self.cut:
+            raise RobotError(
+                f"{self.path.name}: it has closed loops, which a tree does not have: {series(self.cut, 60)}; if they may be cut, "
+                "read it with --open (open=True)"
+            )
 
     @property
     def n_dof(self) -> int:

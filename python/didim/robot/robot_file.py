@@ -40,6 +40,7 @@ def load_robot(
     lock: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
     snap: float | None = None,
+    open: bool = False,
 ) -> Robot:
     """Load a robot.
 
@@ -58,6 +59,8 @@ def load_robot(
     snap : float, optional
         Largest angle (rad) by which rounded right angles are snapped, 0 for none; by default ``snap_rad`` of the file, or
         1e-4. An explicit value suppresses the warning.
+    open : bool
+        Whether closed loops of an MJCF are cut on purpose. Without it they are cut too, and a fit refuses the robot.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def load_robot(
         from .urdf.reading import read_urdf
 
         limit = SNAP if snap is None else snap
-        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=limit)
+        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=limit, open=open)
         if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot

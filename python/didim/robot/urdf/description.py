@@ -136,6 +136,48 @@ class UrdfJoint:
         return pose(turn(self.axis, position)) if self.kind in MOVING else np.eye(4)
 
 
+@dataclass(frozen=True)
+class Tendon:
+    """A fixed tendon of an MJCF, of length ``sum of coefficient times q``: it moves with its joints.
+
+    Attributes
+    ----------
+    name : str
+        Its name, or that of the actuator whose rotor it stands for.
+    coefficients : mapping of str to float
+        By name of the joint (m/rad, or 1).
+    armature, damping, friction, stiffness, rest : float
+        As of a joint, per unit of its length; `rest` is its length without a force of the spring.
+    """
+
+    name: str
+    coefficients: Mapping[str, float]
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A constraint of an MJCF that a tree does not have: it ties two links, or joints.
+
+    Attributes
+    ----------
+    name : str
+        Name or kind of the constraint.
+    links : tuple of str
+        The two links; empty where it ties joints.
+    joints : tuple of str
+        The joints.
+    """
+
+    name: str
+    links: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Description:
     """A URDF: a tree of links.
@@ -156,6 +198,12 @@ class Description:
         Acceleration of gravity in the root (m/s^2): a URDF has its z axis point up.
     notes : tuple of str
         Sentences on ignored parts of the file.
+    tendons : tuple of Tendon
+        Motors and springs that move with several joints, only in an MJCF.
+    loops : tuple of Loop
+        Constraints that close loops, only in an MJCF.
+    incomplete : tuple of str
+        Links whose mass comes from meshes that cannot be read, only in an MJCF.
     """
 
     where: str
@@ -165,6 +213,9 @@ class Description:
     root: str
     gravity: tuple[float, ...] = GRAVITY
     notes: tuple[str, ...] = ()
+    tendons: tuple[Tendon, ...] = ()
+    loops: tuple[Loop, ...] = ()
+    incomplete: tuple[str, ...] = ()
 
     @cached_property
     def outgoing(self) -> Mapping[str, tuple[UrdfJoint, ...]]:
