@@ -93,7 +93,7 @@ def initialise(  # many parameters: one per option of `didim init`
     topic : str, optional
         Topic of a ROS bag.
     chain : mapping, optional
-        `tip`, `base` and `lock` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
+        `tip`, `base`, `lock` and `open` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
         joints the log names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
@@ -125,6 +125,7 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
+    model.check_closed()
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)

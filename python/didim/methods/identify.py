@@ -126,6 +126,7 @@ def default_method(experiment: Experiment) -> str:
 
 def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
     """Choose open friction terms, run the method, and judge the result."""
+    experiment.robot.check_closed()
     experiment, friction = with_known_friction(method, experiment, reporter.say)
     along: list[MeasuredRows] = []
     fit = method.run(experiment, replace(reporter, measured=along.append))

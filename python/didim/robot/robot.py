@@ -181,7 +181,7 @@ class Robot(Pickled):
     origins : mapping of str to Origin
         Logs that parameter sets were identified from, by the name of the set.
     softness : tuple of (float, float)
-        Creep and rest (s) of the driven joints' friction losses in an MJCF, `didim.robot.transmission.softness`; else empty.
+        Creep and rest (s) of the driven joints' friction losses in MuJoCo, `didim.robot.transmission.softness`; empty for its defaults.
     """
 
     name: str
@@ -207,6 +207,8 @@ class Robot(Pickled):
 
     def __repr__(self) -> str:
         joints = counted(self.n_dof, "joint")
+        if self.correspondence is not None and self.correspondence.lock:
+            joints = f"{joints} and {len(self.correspondence.lock)} locked"
         return f"<Robot {self.name!r}: {joints}, {len(self.parameter_names)} standard parameters>"
 
     def _repr_html_(self) -> str:

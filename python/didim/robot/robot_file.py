@@ -26,7 +26,7 @@ from .placement import Mount, chain
 from .right_angles import SNAP, RightAngles
 from .robot import LIMIT_KEYS, MOST_JOINTS, Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
-from .transmission import read_followers, reduction_matrix
+from .transmission import SOFTNESS, Actuator, read_followers, reduction_matrix
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
 """Folder of the included robots."""
@@ -50,8 +50,9 @@ def load_robot(
         Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` lists all), path of a robot file, of a URDF
         or of an MJCF (``.xml``).
     tip, base : str, optional
-        Last and first link of the chain of a URDF. By default the chain from the root to the end of the only moving path, or
-        the whole tree if several branches have three joints or more. ``tip=""`` always takes the whole tree.
+        Last and first link of the chain of a URDF. By default the whole tree, but without the gripper of an arm: a chain of
+        three joints or more whose branches all have fewer ends before them, and `notes` names what is locked. ``tip=""``
+        always takes the whole tree.
     lock : mapping of str to float, optional
         Joints of a URDF to be locked, with their position (rad or m).
     gravity : sequence of 3 float, optional
@@ -86,7 +87,7 @@ def load_robot(
         if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot
-    for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity)):
+    for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity), ("open", open or None)):
         if value is not None:
             raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
@@ -160,6 +161,9 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
+    driven = list(zip(joints, kinds, strict=True))[: len(joints) - len(couplings)]
+    actuators = tuple(_actuator(joint, kind) for joint, kind in driven)
+    softness = tuple(_softness(joint) for joint, _ in driven)
     followers = read_followers(couplings, kinds, joint_names)
     if followers and convention == "dh":
         couplings[0].fail("joints that follow others are for modified rows, and this table is a standard one")
@@ -200,6 +204,9 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         collision=read_capsules(table.tables("collision", []), len(kinds)),
         standard=standard,
         notes=tuple(angles.notes(path.name)),
+        actuators=actuators if any(actuators) else (),
+        softness=tuple(each or SOFTNESS for each in softness) if any(softness) else (),
+        cut=tuple(table.texts("cut")),
         origins=read_origins(table.part("identified")),
         _named=named,
         _own=own,
@@ -321,6 +328,27 @@ def _limits(joint: Table, kind: str) -> JointLimits:
     return JointLimits(
         position=None if position is None else (position[0], position[1]), velocity=velocity, effort=effort
     )
+
+
+def _actuator(joint: Table, kind: str) -> Actuator | None:
+    if not joint.has("actuator"):
+        return None
+    table = joint.table("actuator")
+    kp, kv, effort = (table.number(key, None) for key in ("kp", "kv", LIMIT_KEYS[kind][2]))
+    lag = table.number("lag_s")
+    table.done()
+    return Actuator(kp=kp, kv=kv, effort=effort, lag_s=lag)
+
+
+def _softness(joint: Table) -> tuple[float, float] | None:
+    """Creep and rest (s) of a joint's friction, which are positive; None by default."""
+    values = joint.numbers("softness_s", length=2, default=None)
+    if values is None:
+        return None
+    creep, rest = values
+    if not (creep > 0.0 and rest > 0.0):
+        joint.fail(f"softness_s must be two positive times, got {series(map(str, values))}")
+    return creep, rest
 
 
 def _parameter_sets(

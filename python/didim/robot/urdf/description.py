@@ -45,6 +45,9 @@ KNOWN = (
 NOT_FINITE = ("nan", "inf", "infinity", "-nan(ind)", "nan(ind)", "1.#qnan", "1.#inf")
 """Spellings of nan and infinity by various programs (lower case, without sign)."""
 
+IMPLICIT = "world"
+"""Link that a joint may stand on without its element, as parsers of Gazebo and MuJoCo allow."""
+
 EXPANDED = ("xacro:property", "xacro:arg")
 """Xacro elements that an expanded file may still contain, and that define neither links nor joints."""
 
@@ -275,10 +278,23 @@ def read_description(data: bytes, where: str) -> Description:
         for child in outermost.children
         if child.tag.startswith("xacro:") and child.tag not in EXPANDED
     ]
-    if macros:
+    if not macros:
+        return _tree(outermost, where)
+    try:
+        description = _tree(outermost, where)
+    except RobotError:
+        description = None
+    complete = description is not None and len(description.links) == len(description.joints) + 1
+    if description is None or not complete or not any(j.kind in MOVING for j in description.joints.values()):
         raise RobotError(
             f"{where}: it has xacro macros ({macros[0]}); expand it first: xacro {where} > arm.urdf"
         )
+    note = f"xacro macros that were not expanded are left out: {series(dict.fromkeys(macros), 60)}"
+    return replace(description, notes=(*description.notes, note))
+
+
+def _tree(outermost: Element, where: str) -> Description:
+    """Read links and joints."""
     links: dict[str, Inertial | None] = {}
     notes: list[str] = []
     for element in outermost.all("link"):
@@ -294,6 +310,8 @@ def read_description(data: bytes, where: str) -> Description:
     names: set[str] = set()
     for element in outermost.all("joint"):
         joint = _joint(element, where)
+        if joint.parent == IMPLICIT:
+            links.setdefault(IMPLICIT, None)
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise RobotError(f"{where}: joint {joint.name!r}: there is no link {end!r}")

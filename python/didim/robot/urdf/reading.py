@@ -25,7 +25,7 @@ from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
 from ..robot import MOST_JOINTS, Geometry, Robot
-from ..transmission import Follower
+from ..transmission import SOFTNESS, Follower
 from .chain import WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
 from .description import MOVING, Description, read_description
@@ -141,6 +141,7 @@ def read_urdf(
     shares = shares_of(chain, description.tendons)
     geometry = replace(geometry, coupling=tuple(map(tuple, shares.coupling.tolist())))
     actuators = tuple(joint.actuator for joint in chain.driven)
+    softness = tuple(joint.softness for joint in chain.driven)
     terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(shares.springs))
     cut = () if open else tuple(_cut(description, chain, lock or {}))
     notes += _left_out(description, chain, shares, lock or {})
@@ -159,7 +160,7 @@ def read_urdf(
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=(*notes, *missing),
         actuators=actuators if any(actuators) else (),
-        softness=tuple(joint.softness for joint in chain.driven) if mjcf else (),
+        softness=softness if set(softness) != {SOFTNESS} else (),
         cut=cut,
         _named={set_name: named} if named else {},
     )
