@@ -5,7 +5,8 @@
 reads each MJCF below the folders with `didim.load_robot` and compares it with MuJoCo's model at random states: M(q) with
 armatures, inverse dynamics without constraints, which has the passive forces of springs and dampers, ties between joints, gains,
 lags and limits of actuators, limits and friction of joints. A difference is **told** where it vanishes as soon as what the notes
-name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**. Files that MuJoCo itself
+name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**. Actuators that no robot
+has, such as muscles, are counted apart of the other told ones: M and the torques then agree. Files that MuJoCo itself
 refuses, and those without a joint that moves, are counted apart. Ends with 1 if a difference is silent.
 """
 
@@ -306,7 +307,10 @@ def verdict(path: Path) -> tuple[str, list[str]]:
         return ("agree, loops named" if any(words) else "agree"), []
     switch_off(model, notes)
     left = File(robot, model).differences()
-    return ("silent", left) if left else ("told", [*found, *robot.notes])
+    if left:
+        return "silent", left
+    drives = all(each.startswith(("gains", "effort", "lag")) for each in found)
+    return ("drives told" if drives else "told"), [*found, *robot.notes]
 
 
 def main() -> int:
@@ -326,12 +330,14 @@ def main() -> int:
     for file in files:
         kind, why = verdict(file)
         results[str(file)] = {"class": kind, "why": why}
-        if kind in ("silent", "told", "read by didim alone"):
+        if kind in ("silent", "told", "drives told", "read by didim alone"):
             print(f"{kind}: {file}\n    " + "\n    ".join(each[:160] for each in why[:6]), flush=True)
     counts = Counter(result["class"] for result in results.values())
-    compared = sum(counts[kind] for kind in ("agree", "agree, loops named", "told", "silent"))
+    told = counts["told"] + counts["drives told"]
+    compared = told + sum(counts[kind] for kind in ("agree", "agree, loops named", "silent"))
     print(f"{len(files)} files: " + ", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
-    print(f"of {compared} compared {counts['silent']} silent, {100.0 * counts['told'] / max(compared, 1):.1f} % told")
+    shares = [100.0 * count / max(compared, 1) for count in (told, counts["drives told"])]
+    print(f"of {compared} compared {counts['silent']} silent, {shares[0]:.1f} % told ({shares[1]:.1f} % of drives alone)")
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=1))
     return int(counts["silent"] > 0)

@@ -130,6 +130,7 @@ class Reader:
     def _pose(self, quaternion: Any, position: Any, what: str) -> Array:
         rotation = np.zeros(9)
         self.mujoco.mju_quat2Mat(rotation, np.array(quaternion, dtype=np.float64))
+        self._checked(rotation, f"orientation of {what}")
         return pose(rotation.reshape(3, 3), self._checked(position, f"pos of {what}"))
 
     def _body(self, b: int) -> None:
@@ -171,7 +172,7 @@ class Reader:
         """Return a joint without parent and child."""
         model, kind = self.model, KINDS[int(self.model.jnt_type[j])]
         dof, place = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
-        axis = np.array(model.jnt_axis[j])
+        axis = self._checked(model.jnt_axis[j], f"axis of {name}")
         if kind not in MOVING:
             return UrdfJoint(name, kind, "", "", np.eye(4), axis)
         zero = float(self._checked(model.qpos0[place], f"ref of {name}"))
@@ -380,7 +381,7 @@ class Reader:
         `effort` is the largest torque that a joint without own actuators gets of others (N.m or N).
         """
         model = self.model
-        arms = {k: abs(float(model.actuator_gear[k, 0])) for k in own}
+        arms = {k: abs(float(self._checked(model.actuator_gear[k, 0], "gear"))) for k in own}
         gains = {k: self.gains(k) for k in own}
         clear = all(each is not None for each in gains.values())
         linear = [(arms[k] ** 2 * each[0], arms[k] ** 2 * each[1], each[2]) for k, each in gains.items() if each]

@@ -7,6 +7,8 @@ a file without its meshes is read too; bodies whose mass comes from a missing me
 from __future__ import annotations
 
 import math
+import warnings
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,14 +25,20 @@ DEEPEST = 50
 """Largest depth of includes and attached models: MuJoCo recurses through them without a limit."""
 MOST_FILES = 1000
 """Largest number of files that one MJCF is made of; the largest public ones have about a hundred."""
-MOST_GENERATED = 5000
-"""Largest number of elements that ``replicate``, ``composite`` and ``flexcomp`` generate: MuJoCo takes about 2 s for as many."""
+MOST_ELEMENTS = 20_000
+"""Largest number of elements, generated ones included."""
+MOST_OF = {"body": 2000, "geom": 8000, "mesh": 1000, "skin": 1000, "texture": 1000}
+"""Largest numbers of elements for which MuJoCo's time grows with the square: about 1 s each."""
+MOST_HEIGHTS = 1_000_000
+"""Largest number of points of a height field, which MuJoCo allocates as it reads the file."""
+FEW = 1000
+"""Largest number of sensors, pairs and the like that are deleted: MuJoCo's time grows with the square."""
 GENERATORS = ("replicate", "composite", "flexcomp")
 """Elements whose ``count`` multiplies what they contain."""
-SIZES = ("nuserdata", "nkey")
+NO_SIZES = ("nuserdata", "nkey")
 """Sizes of simulations that MuJoCo allocates while it compiles."""
-AUTOMATIC = ("memory", "njmax", "nconmax", "nstack")
-"""Sizes of simulations that MuJoCo computes itself where they are -1."""
+AUTOMATIC = ("memory", "njmax", "nconmax", "nstack", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam")
+"""Sizes that MuJoCo computes itself where they are -1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +91,13 @@ def compile_mjcf(outermost: Element, path: Path) -> Compiled:
             filed = [geom for geom in heavy if (mesh := spec.mesh(geom.meshname)) is not None and mesh.file]
             missing = [geom for geom in filed if not _has_file(spec, geom, path.parent)]
             others = [geom for geom in filed if geom not in missing]
-            light = _without(spec, missing)
+            light = _without(mujoco, spec, missing)
             try:
                 model = spec.compile()
             except ValueError:
                 if not others:
                     raise
-                light += _without(spec, others)  # their files may be what MuJoCo refuses
+                light += _without(mujoco, spec, others)  # their files may be what MuJoCo refuses
                 model = spec.compile()
             lost = frozenset(body.id for body in light)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as reason:
@@ -100,48 +108,58 @@ def compile_mjcf(outermost: Element, path: Path) -> Compiled:
 
 @contextmanager
 def _quiet(mujoco: Any) -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings to a file in the current folder."""
+    """Keep MuJoCo from printing its warnings, and from writing them to a file in the current folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         mujoco.set_mju_user_warning(before)
 
 
 def _check_parts(outermost: Element, main: Path) -> None:
-    """Refuse a file that includes itself, or that generates more than MuJoCo compiles in a moment."""
+    """Refuse a file that includes itself, or that holds or generates more than MuJoCo compiles in a moment."""
     files: set[Path] = set()
-    waiting: list[tuple[Element, Path, tuple[Path, ...]]] = [(outermost, main, (main.resolve(),))]
-    generated = 0.0
+    waiting: list[tuple[Element, Path, tuple[Path, ...], float]] = [(outermost, main, (main.resolve(),), 1.0)]
+    counts: Counter[str] = Counter()
     while waiting:
-        element, file, above = waiting.pop()
+        element, file, above, times = waiting.pop()
+        line = f"{file.name}: line {element.line}"
         for part in _parts(element, file, main):
             whole = (*above, part.resolve())
-            line = f"{file.name}: line {element.line}"
             if part.resolve() in above:
                 raise RobotError(f"{line}: {part.name} includes itself")
             if len(whole) > DEEPEST or len(files) >= MOST_FILES:
-                raise RobotError(
-                    f"{line}: an MJCF has at most {MOST_FILES} parts, {DEEPEST} deep, and this has more"
-                )
-            if part.resolve() in files:
-                if element.tag == "include":
-                    raise RobotError(f"{line}: {part.name} is included twice, which MuJoCo refuses")
-                continue
+                raise RobotError(f"{line}: an MJCF has at most {MOST_FILES} parts, {DEEPEST} deep, and this has more")
+            if part.resolve() in files and element.tag == "include":
+                raise RobotError(f"{line}: {part.name} is included twice, which MuJoCo refuses")
             files.add(part.resolve())
             try:
                 data = read_small_file(part, RobotError)
             except RobotError as reason:
                 raise RobotError(f"{line}: {reason}") from None
-            waiting.append((parse_xml(data, part.name), part, whole))
+            waiting.append((parse_xml(data, part.name), part, whole, times))
         if element.tag in GENERATORS:
-            generated += _generated(element)
-            if not generated <= MOST_GENERATED:
-                raise RobotError(
-                    f"{file.name}: line {element.line}: <{element.tag}> generates more than {MOST_GENERATED} elements"
-                )
-        waiting += [(child, file, above) for child in element.children]
+            times *= _product(element, "count")
+        counts[""] += times
+        counts["body" if element.tag in GENERATORS[1:] else element.tag] += times
+        for tag, most in {"": MOST_ELEMENTS, **MOST_OF}.items():
+            if not counts[tag] <= most:
+                raise RobotError(f"{line}: it has more than {most} elements{tag and f' <{tag}>'}; cut the robot out of it")
+        if element.tag == "hfield" and not _product(element, "nrow", "ncol") <= MOST_HEIGHTS:
+            raise RobotError(f"{line}: a height field of more than {MOST_HEIGHTS:g} points is no part of a robot")
+        waiting += [(child, file, above, times) for child in element.children]
+
+
+def _product(element: Element, *keys: str) -> float:
+    """Return the product of the numbers of attributes; 1 for other texts, about which MuJoCo complains."""
+    words = [word for key in keys for word in element.attributes.get(key, "").split()]
+    try:
+        return math.prod(max(float(word), 1.0) for word in words)
+    except ValueError:
+        return 1.0
 
 
 def _parts(element: Element, file: Path, main: Path) -> list[Path]:
@@ -154,48 +172,43 @@ def _parts(element: Element, file: Path, main: Path) -> list[Path]:
     return there or (places[:1] if element.tag == "include" else [])
 
 
-def _generated(element: Element) -> float:
-    """Return how many elements a generator makes, with those inside."""
-    try:
-        count = math.prod(max(float(word), 1.0) for word in element.attributes.get("count", "1").split())
-    except ValueError:
-        return 0.0  # MuJoCo says what is wrong
-    inside = 1.0
-    for child in element.children:
-        inside += _generated(child)
-    return count * inside
-
-
 def _stripped(mujoco: Any, spec: Any) -> list[Any]:
-    """Delete what has no part in inertias; return the geoms whose inertia is that of a mesh."""
-    for name in SIZES:
+    """Take out what has no part in inertias; return the geoms whose inertia is that of a mesh."""
+    for name in NO_SIZES:
         setattr(spec, name, 0)
     for name in AUTOMATIC:
         setattr(spec, name, -1)
     spec.compiler.fusestatic = False  # links keep their names
-    kinds = ("keys", "sensors", "pairs", "numerics", "texts", "tuples", "skins")
-    for element in [each for kind in kinds for each in getattr(spec, kind)]:
-        spec.delete(element)
+    for kind in ("keys", "sensors", "pairs", "skins"):
+        elements = list(getattr(spec, kind))
+        for element in elements if len(elements) <= FEW else ():
+            spec.delete(element)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     for texture in list(spec.textures):
         spec.delete(texture)
-    kinds_of_geoms = mujoco.mjtGeom
-    formless = (kinds_of_geoms.mjGEOM_HFIELD, kinds_of_geoms.mjGEOM_SDF)
+    formless = (mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
     heavy = []
-    for geom in list(spec.geoms):
+    for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0  # or MuJoCo computes convex hulls
         if not (geom.meshname or geom.type in formless):
             continue
-        if _counts(mujoco, spec, geom) and geom.type not in formless:
+        if geom.type not in formless and _counts(mujoco, spec, geom):
             heavy.append(geom)
         else:
-            spec.delete(geom)
+            _lighten(mujoco, geom)
     used = {geom.meshname for geom in heavy}
     unused = [mesh for mesh in spec.meshes if mesh.name not in used]
     for element in [*unused, *spec.hfields]:
         spec.delete(element)
     return heavy
+
+
+def _lighten(mujoco: Any, geom: Any) -> None:
+    """Make a geom a small ball without mass, to which others may refer."""
+    geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [1e-3, 0.0, 0.0]
+    geom.meshname, geom.hfieldname, geom.plugin.active = "", "", False
+    geom.mass = geom.density = 0.0
 
 
 def _counts(mujoco: Any, spec: Any, geom: Any) -> bool:
@@ -218,13 +231,14 @@ def _has_file(spec: Any, geom: Any, folder: Path) -> bool:
     return any((place / name).is_file() for place in places for name in names)
 
 
-def _without(spec: Any, geoms: list[Any]) -> list[Any]:
-    """Delete geoms with their meshes; their bodies, which are returned, get an inertia with which MuJoCo compiles."""
+def _without(mujoco: Any, spec: Any, geoms: list[Any]) -> list[Any]:
+    """Take geoms and their meshes out; their bodies, which are returned, get an inertia with which MuJoCo compiles."""
     bodies = [geom.parent for geom in geoms]
-    for body in bodies:
+    meshes = {geom.meshname for geom in geoms}
+    for geom, body in zip(geoms, bodies, strict=True):
         body.mass, body.inertia, body.explicitinertial = 1.0, [1.0, 1.0, 1.0], True
         body.ipos = [0.0, 0.0, 0.0]
-    meshes = {geom.meshname for geom in geoms}
-    for element in [*geoms, *(mesh for mesh in spec.meshes if mesh.name in meshes)]:
-        spec.delete(element)
+        _lighten(mujoco, geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in meshes]:
+        spec.delete(mesh)
     return bodies
