@@ -30,8 +30,8 @@ STATES = 3
 """Random states at which a file is compared."""
 TOLERANCE = 1e-9
 """Largest difference, as a share of the largest entry, of two equal results."""
-FAR = 1e12
-"""A command beyond all limits."""
+FAR = 5e9
+"""A command beyond all limits; MuJoCo refuses those above 1e10."""
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 """Joints with one coordinate."""
 
@@ -185,7 +185,7 @@ class File:
         torques = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_NONE)
         ctrl_limits = model.actuator_ctrllimited.copy()
         model.actuator_ctrllimited[~torques] = 0  # commands of servos are positions
-        largest = np.zeros(n)
+        largest = np.zeros((2, n))
         moment = np.zeros((len(torques), model.nv))
         self.place(np.zeros(n))
         self.data.qvel[:] = 0.0
@@ -196,16 +196,17 @@ class File:
             )
         for k, joint in enumerate(self.dofs[:n]):
             towards = np.sign(moment[:, joint] * model.actuator_gainprm[:, 0]) * FAR
-            for command in (towards, -towards):
+            for command, at in ((towards, 0), (-towards, 0), (0.5 * towards, 1), (-0.5 * towards, 1)):
                 self.data.ctrl[:] = command[: model.nu]
                 self.data.act[:] = 0.0
                 for i in np.flatnonzero(model.actuator_actnum == 1):
                     self.data.act[model.actuator_actadr[i]] = command[i]
                 mujoco.mj_forward(model, self.data)
-                largest[k] = max(largest[k], abs(self.data.qfrc_actuator[joint]))
+                largest[at, k] = max(largest[at, k], abs(self.data.qfrc_actuator[joint]))
         model.actuator_ctrllimited[:] = ctrl_limits
         ours = [limits.effort for limits in self.robot.limits]
-        theirs = [value if 0.0 < value <= LARGEST else None for value in largest]
+        # A limit does not depend on the command.
+        theirs = [far if 0.0 < far <= 1.5 * half and far <= LARGEST else None for far, half in largest.T]
         return [
             each
             for k in range(n)
