@@ -284,8 +284,12 @@ MJCF = """\
       </body>
     </frame>
   </worldbody>
-  <tendon><fixed name="t" armature="0.1" stiffness="2"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="2"/></fixed></tendon>
-  <equality><joint joint1="wrist" joint2="elbow" polycoef="0.1 0.5 0 0 0"/><connect body1="c" body2="a" anchor="0 0 0"/></equality>
+  <tendon>
+    <fixed name="t" armature="0.1" stiffness="2"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="2"/></fixed>
+  </tendon>
+  <equality>
+    <joint joint1="wrist" joint2="elbow" polycoef="0.1 0.5 0 0 0"/><connect body1="c" body2="a" anchor="0 0 0"/>
+  </equality>
   <actuator>
     <position joint="shoulder" kp="50" dampratio="1" forcerange="-7 7" gear="3"/>
     <general joint="elbow" gainprm="40" biastype="affine" biasprm="0 -40 -3" dyntype="filter" dynprm="0.02"/>

@@ -166,12 +166,20 @@ class File:
         ours = -kp * q[0] - kv * dq[0]
         for key, values in limited.items():
             getattr(model, key)[:] = values
-        found = [each for k in range(robot.n_dof) for each in self._same("gains", self.joints[k], ours[k], theirs[k])]
+        found = [
+            each
+            for k in range(robot.n_dof)
+            for each in self._same("gains", self.joints[k], ours[k], theirs[k])
+        ]
         lags = np.zeros(robot.n_dof)
         filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
         for i in range(len(model.actuator_trntype)):
             j = int(model.actuator_trnid[i, 0])
-            if model.actuator_trntype[i] <= 1 and j in self.joints[: robot.n_dof] and model.actuator_dyntype[i] in filters:
+            if (
+                model.actuator_trntype[i] <= 1
+                and j in self.joints[: robot.n_dof]
+                and model.actuator_dyntype[i] in filters
+            ):
                 lags[self.joints.index(j)] = max(lags[self.joints.index(j)], model.actuator_dynprm[i, 0])
         for k, drive in enumerate(drives):
             if drive and drive.kp:
@@ -192,7 +200,11 @@ class File:
         mujoco.mj_forward(model, self.data)
         if len(torques):
             mujoco.mju_sparse2dense(
-                moment, self.data.actuator_moment, self.data.moment_rownnz, self.data.moment_rowadr, self.data.moment_colind
+                moment,
+                self.data.actuator_moment,
+                self.data.moment_rownnz,
+                self.data.moment_rowadr,
+                self.data.moment_colind,
             )
         for k, joint in enumerate(self.dofs[:n]):
             towards = np.sign(moment[:, joint] * model.actuator_gainprm[:, 0]) * FAR
@@ -217,8 +229,8 @@ class File:
         """Whether a constraint is violated more in one position of the robot than in another."""
         model, n = self.model, self.robot.n_dof
         flags = int(model.opt.disableflags)
-        model.opt.disableflags = (
-            int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+        model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(
+            mujoco.mjtDisableBit.mjDSBL_LIMIT
         )
         seen = []
         for q in (np.zeros(n), np.random.default_rng(1).normal(0.0, 0.3, n)):
@@ -243,7 +255,7 @@ def is_servo(model: Any, i: int) -> bool:
 
     of_joints = model.actuator_trntype <= 1
     own = np.flatnonzero(of_joints & (model.actuator_trnid[:, 0] == model.actuator_trnid[i, 0]))
-    return bool(of_joints[i]) and all(linear(k) for k in own)
+    return bool(of_joints[i]) and all(linear(int(k)) for k in own)
 
 
 def switch_off(model: Any, notes: str) -> None:
@@ -324,7 +336,8 @@ def main() -> int:
         file.resolve()
         for folder in options.folders
         for file in ([folder] if folder.is_file() else folder.rglob("*"))
-        if file.suffix in (".xml", ".mjcf") and b"<mujoco" in file.read_bytes().replace(b"<mujocoinclude", b"")
+        if file.suffix in (".xml", ".mjcf")
+        and b"<mujoco" in file.read_bytes().replace(b"<mujocoinclude", b"")
     )
     results = {}
     mujoco.set_mju_user_warning(lambda _: None)
@@ -338,7 +351,9 @@ def main() -> int:
     compared = told + sum(counts[kind] for kind in ("agree", "agree, loops named", "silent"))
     print(f"{len(files)} files: " + ", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
     shares = [100.0 * count / max(compared, 1) for count in (told, counts["drives told"])]
-    print(f"of {compared} compared {counts['silent']} silent, {shares[0]:.1f} % told ({shares[1]:.1f} % of drives alone)")
+    print(
+        f"of {compared} compared {counts['silent']} silent, {shares[0]:.1f} % told ({shares[1]:.1f} % of drives alone)"
+    )
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=1))
     return int(counts["silent"] > 0)

@@ -17,6 +17,7 @@ import didim
 from didim.cli.main import main
 from didim.errors import RobotError
 from didim.experiment.specs import ControllerSpec, ReferenceSpec
+from didim.robot.robot_file import check_closed
 from didim.robot.robot_text import robot_text
 from didim.robot.transmission import SOFTNESS
 from didim.robot.urdf.mjcf_compiler import MOST_ELEMENTS, MOST_OF
@@ -181,7 +182,9 @@ def test_an_included_file_stands_in_its_place(tmp_path: Path) -> None:
     (tmp_path / "defaults.xml").write_text(f"<mujocoinclude>{whole[start:end]}</mujocoinclude>")
     first, last = whole.index('<body name="left"'), whole.index('<body name="right"')
     (tmp_path / "bodies").mkdir()
-    (tmp_path / "bodies" / "arm.xml").write_text('<mujocoinclude><include file="bodies/links.xml"/></mujocoinclude>')
+    (tmp_path / "bodies" / "arm.xml").write_text(
+        '<mujocoinclude><include file="bodies/links.xml"/></mujocoinclude>'
+    )
     (tmp_path / "bodies" / "links.xml").write_text(f"<mujocoinclude>{whole[first:last]}</mujocoinclude>")
     text = (
         whole[:start]
@@ -196,7 +199,9 @@ def test_an_included_file_stands_in_its_place(tmp_path: Path) -> None:
     parts.write_text(text.replace("</worldbody>", '<include file="bodies/arm.xml"/></worldbody>'))
     assert refusal(parts).endswith("arm.xml is included twice, which MuJoCo refuses")
     parts.write_text(text)
-    (tmp_path / "bodies" / "links.xml").write_text('<mujocoinclude><include file="bodies/arm.xml"/></mujocoinclude>')
+    (tmp_path / "bodies" / "links.xml").write_text(
+        '<mujocoinclude><include file="bodies/arm.xml"/></mujocoinclude>'
+    )
     assert refusal(parts) == "links.xml: line 1: arm.xml includes itself"
     (tmp_path / "bodies" / "links.xml").unlink()
     assert refusal(parts).startswith("arm.xml: line 1: ")
@@ -227,7 +232,9 @@ def test_a_missing_mesh_that_a_mass_comes_from_takes_the_set_away(tmp_path: Path
     (tmp_path / "solid.obj").write_text(TETRAHEDRON)
     there = didim.load_robot(written(tmp_path, MESHED.format(mesh="solid.obj", kind=kind, explicit="")))
     model = mujoco.MjModel.from_xml_string(
-        MESHED.format(mesh="solid.obj", kind=kind, explicit="").replace('file="gone.png"', 'builtin="flat" width="1" height="1"'),
+        MESHED.format(mesh="solid.obj", kind=kind, explicit="").replace(
+            'file="gone.png"', 'builtin="flat" width="1" height="1"'
+        ),
         {"solid.obj": TETRAHEDRON.encode()},
     )
     mass = dict(zip(there.parameter_names, there.parameter_set("mjcf"), strict=True))["M1"]
@@ -246,7 +253,8 @@ def test_a_missing_mesh_that_a_mass_comes_from_takes_the_set_away(tmp_path: Path
 
 
 LOOPED = MODEL.replace(
-    "<actuator>", '<equality><connect name="rod" body1="left_end" body2="tip" anchor="0 0 0"/></equality><actuator>'
+    "<actuator>",
+    '<equality><connect name="rod" body1="left_end" body2="tip" anchor="0 0 0"/></equality><actuator>',
 )
 
 
@@ -255,13 +263,30 @@ def test_a_cut_loop_is_named_and_refused_for_a_fit_without_consent(
 ) -> None:
     path = written(tmp_path, LOOPED)
     log = tmp_path / "log.csv"
-    header = ",".join(["t", *(f"{name}_{kind}" for kind in ("position", "command") for name in ("left_1", "left_2", "right_1", "right_2"))])
-    np.savetxt(log, np.column_stack([np.arange(500) * 0.01, np.random.default_rng(0).normal(size=(500, 8))]), delimiter=",", header=header, comments="")
+    header = ",".join(
+        [
+            "t",
+            *(
+                f"{name}_{kind}"
+                for kind in ("position", "command")
+                for name in ("left_1", "left_2", "right_1", "right_2")
+            ),
+        ]
+    )
+    np.savetxt(
+        log,
+        np.column_stack([np.arange(500) * 0.01, np.random.default_rng(0).normal(size=(500, 8))]),
+        delimiter=",",
+        header=header,
+        comments="",
+    )
     robot = didim.load_robot(path)
     assert robot.cut == ("rod",)
-    assert any(note.endswith("closed loops are cut, and what they hold moves freely: rod") for note in robot.notes)
+    assert any(
+        note.endswith("closed loops are cut, and what they hold moves freely: rod") for note in robot.notes
+    )
     with pytest.raises(RobotError, match=r"closed loops, which a tree does not have: rod; .* --open"):
-        robot.check_closed()
+        check_closed(robot)
     assert main(["init", str(path), str(log), "--kp", "5", "--kv", "1"]) == 2
     assert "it has closed loops" in one_line(capsys)
     q = np.zeros((50, 4))
@@ -282,7 +307,8 @@ def test_a_cut_loop_is_named_and_refused_for_a_fit_without_consent(
 
 def test_a_robot_file_keeps_all_that_was_read(tmp_path: Path) -> None:
     tied = MODEL.replace(
-        "<actuator>", '<equality><joint joint1="right_2" joint2="left_2" polycoef="0.1 0.5 0 0 0"/></equality><actuator>'
+        "<actuator>",
+        '<equality><joint joint1="right_2" joint2="left_2" polycoef="0.1 0.5 0 0 0"/></equality><actuator>',
     ).replace('name="left_1"', 'name="left_1" solreffriction="0.005 1" stiffness="2"')
     path = written(tmp_path, tied)
     robot = didim.load_robot(path)

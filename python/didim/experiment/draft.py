@@ -29,7 +29,7 @@ from ..log.recording_file import read_recording, read_reduction
 from ..log.units import ESTIMATE
 from ..model.limbs import limbs_of
 from ..robot.robot import Robot
-from ..robot.robot_file import PACKAGED, load_robot
+from ..robot.robot_file import PACKAGED, check_closed, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import Log, assembled
@@ -125,7 +125,7 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
-    model.check_closed()
+    check_closed(model)
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)

@@ -142,18 +142,14 @@ class Geometry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Pickled):
-    """A robot with a fixed base: a chain or a tree. Made by `load_robot`.
-
-    Tested in ``tests/test_robot.py``.
+    """A robot with a fixed base: a chain or a tree. Made by `load_robot`. Tested in ``tests/test_robot.py``.
 
     Attributes
     ----------
     name, description : str
         Name and description in the file.
-    path : Path
-        The file.
-    digest : str
-        SHA-256 of the file.
+    path, digest : Path, str
+        The file, and its SHA-256.
     geometry : Geometry
         Frames, gravity and coupling.
     friction : Friction
@@ -177,11 +173,11 @@ class Robot(Pickled):
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
     cut : tuple of str
-        Closed loops of an MJCF that the model, a tree, does not have; a fit refuses such a robot. Empty with ``open``.
+        Closed loops of an MJCF that the tree does not have, which a fit refuses; empty with ``open``.
     origins : mapping of str to Origin
         Logs that parameter sets were identified from, by the name of the set.
     softness : tuple of (float, float)
-        Creep and rest (s) of the driven joints' friction losses in MuJoCo, `didim.robot.transmission.softness`; empty for its defaults.
+        Creep and rest (s) of the joints' friction losses, `didim.robot.transmission.softness`; empty for MuJoCo's defaults.
     """
 
     name: str
@@ -206,9 +202,8 @@ class Robot(Pickled):
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 
     def __repr__(self) -> str:
-        joints = counted(self.n_dof, "joint")
-        if self.correspondence is not None and self.correspondence.lock:
-            joints = f"{joints} and {len(self.correspondence.lock)} locked"
+        still = len(self.correspondence.lock) if self.correspondence is not None else 0
+        joints = counted(self.n_dof, "joint") + (f" and {still} locked" if still else "")
         return f"<Robot {self.name!r}: {joints}, {len(self.parameter_names)} standard parameters>"
 
     def _repr_html_(self) -> str:
@@ -234,20 +229,6 @@ class Robot(Pickled):
             return self.geometry.core(self.friction)
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
-
-    def check_closed(self) -> None:
-        """Refuse a robot whose closed loops were cut without consent.
-
-        Raises
-        ------
-        RobotError
-            When there are such loops (``tests/test_mjcf.py``).
-        """
-        if self.cut:
-            raise RobotError(
-                f"{self.path.name}: it has closed loops, which a tree does not have: {series(self.cut, 60)}; if they may be cut, "
-                "read it with --open (open=True)"
-            )
 
     @property
     def n_dof(self) -> int:

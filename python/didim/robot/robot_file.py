@@ -20,7 +20,7 @@ from .._tools.words import did_you_mean, series
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
 from .correspondence import read_correspondence, read_origins
-from .friction import read_friction, read_springs
+from .friction import Friction, read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
 from .right_angles import SNAP, RightAngles
@@ -87,7 +87,13 @@ def load_robot(
         if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot
-    for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity), ("open", open or None)):
+    for option, value in (
+        ("tip", tip),
+        ("base", base),
+        ("lock", lock),
+        ("gravity", gravity),
+        ("open", open or None),
+    ):
         if value is not None:
             raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
@@ -134,6 +140,15 @@ def read_robot(
     return robot
 
 
+def check_closed(robot: Robot) -> None:
+    """Refuse a robot whose closed loops were cut without consent (``tests/test_mjcf.py``)."""
+    if robot.cut:
+        raise RobotError(
+            f"{robot.path.name}: it has closed loops, which a tree does not have: {series(robot.cut, 60)}; if they may be cut, "
+            "read it with --open (open=True)"
+        )
+
+
 def packaged_robots() -> dict[str, Robot]:
     """Return the included robots by name (``tests/test_packaged_robots.py``)."""
     return {file.stem: load_robot(file.stem) for file in sorted(PACKAGED.glob("*.toml"))}
@@ -161,23 +176,18 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
-    driven = list(zip(joints, kinds, strict=True))[: len(joints) - len(couplings)]
-    actuators = tuple(_actuator(joint, kind) for joint, kind in driven)
-    softness = tuple(_softness(joint) for joint, _ in driven)
+    actuators, softness = _drives(joints[: len(joints) - len(couplings)], kinds)
     followers = read_followers(couplings, kinds, joint_names)
     if followers and convention == "dh":
         couplings[0].fail("joints that follow others are for modified rows, and this table is a standard one")
     for joint in joints:
         joint.done()
     alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
-    standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
-    if standard is not None:
+    if (standard := StandardTable(a=d, alpha=alpha) if convention == "dh" else None) is not None:
         alpha, d = standard.rows
     n = len(kinds) - len(followers)
     coupling, reduction, gains = _transmission(table.part("transmission"), n)
-    friction = read_friction(table.part("friction"), kinds[:n], None)
-    if table.has("springs"):
-        friction = read_springs(table.table("springs"), kinds[:n], friction)
+    friction = _friction(table, kinds[:n])
     named, own = _parameter_sets(table.part("parameters"), standard)
     robot = Robot(
         name=table.text("name", path.stem),
@@ -204,8 +214,8 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         collision=read_capsules(table.tables("collision", []), len(kinds)),
         standard=standard,
         notes=tuple(angles.notes(path.name)),
-        actuators=actuators if any(actuators) else (),
-        softness=tuple(each or SOFTNESS for each in softness) if any(softness) else (),
+        actuators=actuators,
+        softness=softness,
         cut=tuple(table.texts("cut")),
         origins=read_origins(table.part("identified")),
         _named=named,
@@ -213,6 +223,11 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     )
     table.done()
     return robot
+
+
+def _friction(table: Table, kinds: tuple[str, ...]) -> Friction:
+    friction = read_friction(table.part("friction"), kinds, None)
+    return read_springs(table.table("springs"), kinds, friction) if table.has("springs") else friction
 
 
 def _transmission(
@@ -330,25 +345,24 @@ def _limits(joint: Table, kind: str) -> JointLimits:
     )
 
 
-def _actuator(joint: Table, kind: str) -> Actuator | None:
-    if not joint.has("actuator"):
-        return None
-    table = joint.table("actuator")
-    kp, kv, effort = (table.number(key, None) for key in ("kp", "kv", LIMIT_KEYS[kind][2]))
-    lag = table.number("lag_s")
-    table.done()
-    return Actuator(kp=kp, kv=kv, effort=effort, lag_s=lag)
-
-
-def _softness(joint: Table) -> tuple[float, float] | None:
-    """Creep and rest (s) of a joint's friction, which are positive; None by default."""
-    values = joint.numbers("softness_s", length=2, default=None)
-    if values is None:
-        return None
-    creep, rest = values
-    if not (creep > 0.0 and rest > 0.0):
-        joint.fail(f"softness_s must be two positive times, got {series(map(str, values))}")
-    return creep, rest
+def _drives(
+    joints: Sequence[Table], kinds: Sequence[str]
+) -> tuple[tuple[Actuator | None, ...], tuple[tuple[float, float], ...]]:
+    """Return actuators of driven joints and the softness of their friction; nothing where no joint has any."""
+    actuators: list[Actuator | None] = []
+    softness = []
+    for joint, kind in zip(joints, kinds, strict=False):
+        table = joint.part("actuator")
+        kp, kv, effort = (table.number(key, None) for key in ("kp", "kv", LIMIT_KEYS[kind][2]))
+        actuator = Actuator(kp=kp, kv=kv, effort=effort, lag_s=table.number("lag_s"))
+        table.done()
+        actuators.append(actuator if joint.has("actuator") else None)
+        creep, rest = joint.numbers("softness_s", length=2, default=SOFTNESS)
+        if not (creep > 0.0 and rest > 0.0):
+            joint.fail(f"softness_s must be two positive times, got {[creep, rest]}")
+        softness.append((creep, rest))
+    soft = any(joint.has("softness_s") for joint in joints)
+    return tuple(actuators) if any(actuators) else (), tuple(softness) if soft else ()
 
 
 def _parameter_sets(

@@ -1,8 +1,8 @@
 """The chain or tree of a URDF that becomes the robot, and the links that move with each of its joints.
 
 Without a ``tip`` the chain follows, from the base on, the only child with moving joints. If it is an arm and branches into
-something shorter, the fingers of a gripper, it ends there; else the robot is the whole tree. Links behind fixed joints belong to the
-moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
+something shorter, the fingers of a gripper, it ends there; else the robot is the whole tree. Links behind fixed joints belong to
+the moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
 spherical joints are fixed at zero. A joint that mimics another follows it, and is locked if that one is.
 Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py`` and ``tests/test_couplings.py``.
 """
@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
 from ..robot import MOST_JOINTS
-from .description import MOVING, Description, Inertial, UrdfJoint
+from .mechanism import MOVING, Description, Inertial, UrdfJoint
 
 WHOLE = ""
 """Value of ``tip`` for the whole tree."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..transmission import Actuator
-from .description import UrdfJoint
+from .mechanism import UrdfJoint
 from .mjcf import Reader
 from .mjcf_compiler import compile_mjcf
 from .xml_spans import Element, parse_xml
@@ -93,7 +93,6 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
     reader = Reader(compile_mjcf(outermost, path), path.name)
     description = reader.description()
     joints = {joint.name: joint for joint in description.joints.values() if joint.moves}
-    model = reader.model
     return DriveElements(
         joints=joints,
         elements={name: element for name, element in _joint_elements(outermost) if name in joints},
@@ -117,13 +116,16 @@ def _settings(outermost: Element, reader: Reader) -> Iterator[tuple[str, tuple[E
         if joint in own:
             k = own[joint][-1]
             gains = reader.gains(k)
-            yield joint, (
-                element,
-                Setting(
-                    tag=element.tag,
-                    gear=abs(float(model.actuator_gear[k, 0])),
-                    is_position=len(own[joint]) == 1 and gains is not None and gains[0] > 0.0,
-                    ratio=k in reader.compiled.ratios,
+            yield (
+                joint,
+                (
+                    element,
+                    Setting(
+                        tag=element.tag,
+                        gear=abs(float(model.actuator_gear[k, 0])),
+                        is_position=len(own[joint]) == 1 and gains is not None and gains[0] > 0.0,
+                        ratio=k in reader.compiled.ratios,
+                    ),
                 ),
             )
 

@@ -22,7 +22,7 @@ from ..payload import LARGEST
 from ..rigid_body import pose
 from ..robot import JointLimits
 from ..transmission import TIME_CONSTANT_S, Actuator, softness
-from .description import MOVING, Description, Inertial, Loop, Tendon, UrdfJoint
+from .mechanism import MOVING, Description, Inertial, Loop, Tendon, UrdfJoint
 from .mjcf_compiler import Compiled, compile_mjcf
 from .xml_spans import Element
 
@@ -124,7 +124,9 @@ class Reader:
     def _checked(self, values: Any, what: str) -> Array:
         numbers = np.array(values, dtype=np.float64)
         if not (np.abs(numbers) <= LARGEST).all():
-            raise RobotError(f"{self.where}: {what} must be at most {LARGEST:g} in size, got {numbers.tolist()}")
+            raise RobotError(
+                f"{self.where}: {what} must be at most {LARGEST:g} in size, got {numbers.tolist()}"
+            )
         return numbers
 
     def _pose(self, quaternion: Any, position: Any, what: str) -> Array:
@@ -178,9 +180,7 @@ class Reader:
         zero = float(self._checked(model.qpos0[place], f"ref of {name}"))
         damping = float(model.dof_damping[dof])
         if damping > LARGEST:
-            nailed = f"{kind} with a damping of {damping:g}"
-            # It stands where the file draws it.
-            return UrdfJoint(name, nailed, "", "", np.eye(4), axis)
+            return UrdfJoint(name, f"{kind} with a damping of {damping:g}", "", "", np.eye(4), axis)
         values = (
             damping,
             model.dof_frictionloss[dof],
@@ -189,7 +189,8 @@ class Reader:
             model.qpos_spring[place],
         )
         damping, friction, armature, stiffness, rest = self._checked(
-            [float(np.ravel(value)[0]) for value in values], f"damping, friction, armature and spring of {name}"
+            [float(np.ravel(value)[0]) for value in values],
+            f"damping, friction, armature and spring of {name}",
         ).tolist()
         low, high = self._checked(model.jnt_range[j], f"range of {name}").tolist()
         return UrdfJoint(
@@ -217,7 +218,9 @@ class Reader:
         for e in range(model.neq):
             if not model.eq_active0[e]:
                 continue
-            kind, first, second = (int(getattr(model, f"eq_{key}")[e]) for key in ("type", "obj1id", "obj2id"))
+            kind, first, second = (
+                int(getattr(model, f"eq_{key}")[e]) for key in ("type", "obj1id", "obj2id")
+            )
             name = model.equality(e).name or kinds(kind).name.removeprefix("mjEQ_").lower()
             if kind == int(kinds.mjEQ_JOINT):
                 joints = tuple(self.names[j] for j in (first, second) if j >= 0)
@@ -288,36 +291,29 @@ class Reader:
 
     def _world(self) -> None:
         """Note what of the file changes forces and has no place in a robot."""
-        model, off = self.model, self.mujoco.mjtDisableBit
-        if model.ntendon and model.tendon_limited.any():
-            names = [self.name("tendon", t) for t in np.flatnonzero(model.tendon_limited)]
-            self.notes.append(f"limits of tendons are left out: {series(names, 60)}")
-        if self.unlike:
-            self.notes.append(
-                f"forces of tendons along a path or within a range are left out: {series(self.unlike, 60)}"
-            )
-        curved = [self.names[j] for j in self.names if self._curved(j)]
-        if curved:
-            self.notes.append(f"nonlinear springs and dampers are left out: {series(curved)}")
-        if (model.body_gravcomp != 0.0).any():
-            names = [self.bodies[b] for b in np.flatnonzero(model.body_gravcomp)]
-            self.notes.append(
-                f"the file compensates weights (gravcomp), and the robot has them: {series(names, 60)}"
-            )
+        model = self.model
+        flags = ("PASSIVE", "SPRING", "DAMPER", "FRICTIONLOSS", "EQUALITY", "CONSTRAINT", "ACTUATION")
+        bits = {flag: getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0) for flag in flags}
+        left_out = {
+            "limits of tendons are left out: ": [
+                self.name("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]
+            ],
+            "forces of tendons along a path or within a range are left out: ": self.unlike,
+            "nonlinear springs and dampers are left out: ": [
+                self.names[j] for j in self.names if self._curved(j)
+            ],
+            "the file compensates weights (gravcomp), and the robot has them: ": [
+                self.bodies[b] for b in range(model.nbody) if model.body_gravcomp[b]
+            ],
+            "the file switches off what the robot has: ": [
+                flag.lower() for flag, bit in bits.items() if model.opt.disableflags & int(bit)
+            ],
+        }
+        self.notes += [f"{what}{series(names, 60)}" for what, names in left_out.items() if names]
         if model.opt.density or model.opt.viscosity:
             self.notes.append("forces of the fluid are left out (density, viscosity)")
-        switched = [
-            name
-            for name in ("PASSIVE", "SPRING", "DAMPER", "FRICTIONLOSS", "EQUALITY", "CONSTRAINT", "ACTUATION")
-            if (bit := getattr(off, f"mjDSBL_{name}", None)) is not None
-            and model.opt.disableflags & int(bit)
-        ]
-        if switched:
-            self.notes.append(f"the file switches off what the robot has: {series(switched).lower()}")
-        if model.nflex:
-            self.notes.append("forces of deformable bodies (flex) are left out")
-        if model.nplugin:
-            self.notes.append("forces of plugins are left out")
+        if model.nflex or model.nplugin:
+            self.notes.append("forces of plugins and of deformable bodies (flex) are left out")
 
     def _curved(self, j: int) -> bool:
         model, dof = self.model, int(self.model.jnt_dofadr[j])
@@ -348,11 +344,11 @@ class Reader:
             elif armature or damping:
                 self.unlike.append(name)
         for j, name in self.names.items():
-            joint = self.joints[self.children[name]]
-            if joint.kind in MOVING:
+            own_joint = self.joints[self.children[name]]
+            if own_joint.kind in MOVING:
                 drive = self._drive(j, own.get(name, []), shared.get(name, np.inf), unread)
-                limits = replace(joint.limits, effort=drive and drive.effort)
-                self.joints[joint.child] = replace(joint, actuator=drive, limits=limits)
+                limits = replace(own_joint.limits, effort=drive.effort if drive else None)
+                self.joints[own_joint.child] = replace(own_joint, actuator=drive, limits=limits)
         if unread:
             self.notes.append(
                 f"actuators other than torques, position and velocity servos of one joint are left out: {series(unread, 70)}"
@@ -384,7 +380,9 @@ class Reader:
         arms = {k: abs(float(self._checked(model.actuator_gear[k, 0], "gear"))) for k in own}
         gains = {k: self.gains(k) for k in own}
         clear = all(each is not None for each in gains.values())
-        linear = [(arms[k] ** 2 * each[0], arms[k] ** 2 * each[1], each[2]) for k, each in gains.items() if each]
+        linear = [
+            (arms[k] ** 2 * each[0], arms[k] ** 2 * each[1], each[2]) for k, each in gains.items() if each
+        ]
         kp, kv = (sum(each[at] for each in linear) for at in (0, 1))
         if not clear:
             unread += [self.name("actuator", k) for k, each in gains.items() if each is None or any(each)]
@@ -401,14 +399,18 @@ class Reader:
             return Actuator(effort=largest)
         lost = self.compiled.lost and self.compiled.ratios & set(own)
         if lost:
-            self.notes.append(f"kv of {self.names[j]} is not known: its damping ratio needs the missing meshes")
+            self.notes.append(
+                f"kv of {self.names[j]} is not known: its damping ratio needs the missing meshes"
+            )
         return Actuator(kp=kp or None, kv=None if lost else kv, effort=largest, lag_s=lag)
 
     def gains(self, k: int) -> tuple[float, float, float] | None:
         """Return kp, kv and lag (s) of a linear actuator, on the motor's side: zeros for torques, None for other actuators."""
         model, mj = self.model, self.mujoco
         gain, bias = float(model.actuator_gainprm[k, 0]), np.array(model.actuator_biasprm[k][:3])
-        gaintype, biastype, dyntype = (int(getattr(model, f"actuator_{key}type")[k]) for key in ("gain", "bias", "dyn"))
+        gaintype, biastype, dyntype = (
+            int(getattr(model, f"actuator_{key}type")[k]) for key in ("gain", "bias", "dyn")
+        )
         if biastype == int(mj.mjtBias.mjBIAS_NONE):
             bias *= 0.0
         lags = dyntype in (int(mj.mjtDyn.mjDYN_FILTER), int(mj.mjtDyn.mjDYN_FILTEREXACT))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,7 +36,17 @@ GENERATORS = ("replicate", "composite", "flexcomp")
 """Elements whose ``count`` multiplies what they contain."""
 NO_SIZES = ("nuserdata", "nkey")
 """Sizes of simulations that MuJoCo allocates while it compiles."""
-AUTOMATIC = ("memory", "njmax", "nconmax", "nstack", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam")
+AUTOMATIC = (
+    "memory",
+    "njmax",
+    "nconmax",
+    "nstack",
+    "nuser_body",
+    "nuser_jnt",
+    "nuser_geom",
+    "nuser_site",
+    "nuser_cam",
+)
 """Sizes that MuJoCo computes itself where they are -1."""
 
 
@@ -123,7 +132,7 @@ def _check_parts(outermost: Element, main: Path) -> None:
     """Refuse a file that includes itself, or that holds or generates more than MuJoCo compiles in a moment."""
     files: set[Path] = set()
     waiting: list[tuple[Element, Path, tuple[Path, ...], float]] = [(outermost, main, (main.resolve(),), 1.0)]
-    counts: Counter[str] = Counter()
+    counts: dict[str, float] = {}
     while waiting:
         element, file, above, times = waiting.pop()
         line = f"{file.name}: line {element.line}"
@@ -132,7 +141,9 @@ def _check_parts(outermost: Element, main: Path) -> None:
             if part.resolve() in above:
                 raise RobotError(f"{line}: {part.name} includes itself")
             if len(whole) > DEEPEST or len(files) >= MOST_FILES:
-                raise RobotError(f"{line}: an MJCF has at most {MOST_FILES} parts, {DEEPEST} deep, and this has more")
+                raise RobotError(
+                    f"{line}: an MJCF has at most {MOST_FILES} parts, {DEEPEST} deep, and this has more"
+                )
             if part.resolve() in files and element.tag == "include":
                 raise RobotError(f"{line}: {part.name} is included twice, which MuJoCo refuses")
             files.add(part.resolve())
@@ -143,13 +154,16 @@ def _check_parts(outermost: Element, main: Path) -> None:
             waiting.append((parse_xml(data, part.name), part, whole, times))
         if element.tag in GENERATORS:
             times *= _product(element, "count")
-        counts[""] += times
-        counts["body" if element.tag in GENERATORS[1:] else element.tag] += times
         for tag, most in {"": MOST_ELEMENTS, **MOST_OF}.items():
-            if not counts[tag] <= most:
-                raise RobotError(f"{line}: it has more than {most} elements{tag and f' <{tag}>'}; cut the robot out of it")
+            if tag in ("", "body" if element.tag in GENERATORS[1:] else element.tag):
+                counts[tag] = counts.get(tag, 0.0) + times
+            if not counts.get(tag, 0.0) <= most:
+                what = f"elements <{tag}>" if tag else "elements"
+                raise RobotError(f"{line}: it has more than {most} {what}; cut the robot out of it")
         if element.tag == "hfield" and not _product(element, "nrow", "ncol") <= MOST_HEIGHTS:
-            raise RobotError(f"{line}: a height field of more than {MOST_HEIGHTS:g} points is no part of a robot")
+            raise RobotError(
+                f"{line}: a height field of more than {MOST_HEIGHTS:g} points is no part of a robot"
+            )
         waiting += [(child, file, above, times) for child in element.children]
 
 

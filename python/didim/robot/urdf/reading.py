@@ -28,11 +28,12 @@ from ..robot import MOST_JOINTS, Geometry, Robot
 from ..transmission import SOFTNESS, Follower
 from .chain import WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
-from .description import MOVING, Description, read_description
+from .description import read_description
+from .mechanism import MOVING, Description
 from .mjcf import read_mjcf
 from .snap import NearlyRight, Snapped, snap_chain
 from .summation import made_up_bodies, random_states, torques_by_summation
-from .tendons import Shares, shares_of, with_motors
+from .tendons import Shares, drive_parameters, shares_of
 from .xml_spans import parse_xml
 
 URDF_SET = "urdf"
@@ -127,17 +128,10 @@ def read_urdf(
     links = made_up_bodies(len(chain.joints)) if made_up else chain.groups
     table, exact, as_written = _table(chain, snapped, links, down, where)
     geometry = _geometry(chain, table, down)
-    if snapped.joints:
-        rounded = series((chain.joints[joint].name for joint in snapped.joints), 60)
-        notes.append(
-            f"right angles of {rounded} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
-            f"torques change by {as_written:.1e} of the largest"
-        )
+    notes += _changed(chain, snapped, as_written)
     if chain.mimics:
         table, chain = _numbered(table, chain), chain.numbered()
         geometry = _geometry(chain, table, down, _followers(chain))
-        names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
-        notes.append(f"joints that follow others, with their leaders: {names}")
     shares = shares_of(chain, description.tendons)
     geometry = replace(geometry, coupling=tuple(map(tuple, shares.coupling.tolist())))
     actuators = tuple(joint.actuator for joint in chain.driven)
@@ -299,6 +293,19 @@ def _cut(description: Description, chain: Chain, lock: Mapping[str, float]) -> I
             yield loop.name
 
 
+def _changed(chain: Chain, snapped: Snapped, as_written: float) -> Iterator[str]:
+    """Return sentences on snapped angles and coupled joints."""
+    if snapped.joints:
+        rounded = series((chain.joints[joint].name for joint in snapped.joints), 60)
+        yield (
+            f"right angles of {rounded} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
+            f"torques change by {as_written:.1e} of the largest"
+        )
+    if chain.mimics:
+        names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
+        yield f"joints that follow others, with their leaders: {names}"
+
+
 def _left_out(
     description: Description, chain: Chain, shares: Shares, lock: Mapping[str, float]
 ) -> Iterator[str]:
@@ -342,11 +349,8 @@ def _parameters(
         reason = why_no_body(pseudo) if pseudo.any() else None
         if reason is not None:
             notes.append(f"link {name} of the file is not a body: {reason}")
-    drives = {"Ia": "armature", "Fv": "damping", "Fc": "friction"}
-    named |= with_motors(
-        shares,
-        {key: np.array([getattr(joint, value) for joint in chain.joints]) for key, value in drives.items()},
-    )
+    own = [[joint.armature, joint.damping, joint.friction] for joint in chain.joints]
+    named |= drive_parameters(shares, np.array(own).T)
     for j, (stiffness, torque) in shares.springs.items():
         named |= {f"Ks{j + 1}": stiffness, f"Off{j + 1}": torque}
     return named, notes
@@ -403,5 +407,7 @@ def _self_test(
         # The torque of a joint without load is pure rounding.
         largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_TORQUE_SHARE * np.abs(expected).max())
         # A robot without any torque, such as a point mass on a vertical axis, has none to compare with.
-        differences.append(float((np.abs(tau - expected).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max()))
+        differences.append(
+            float((np.abs(tau - expected).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
+        )
     return differences[0], differences[1] if snapped.joints else differences[0]
