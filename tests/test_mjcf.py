@@ -211,7 +211,8 @@ def test_an_attached_model_is_read(tmp_path: Path) -> None:
     written(tmp_path, SPRUNG, "part.xml")
     text = (
         '<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody><body name="base"><geom size="0.1"/>'
-        '<joint name="turn" axis="0 0 1"/><frame pos="0 0 0.5"><attach model="part" body="a" prefix="p_"/></frame></body></worldbody></mujoco>'
+        '<joint name="turn" axis="0 0 1"/><frame pos="0 0 0.5"><attach model="part" body="a" prefix="p_"/></frame></body>'
+        "</worldbody></mujoco>"
     )
     robot = didim.load_robot(written(tmp_path, text))
     assert robot.joint_names == ("turn", "p_j1", "p_j2", "p_j3")
@@ -219,8 +220,8 @@ def test_an_attached_model_is_read(tmp_path: Path) -> None:
     assert refusal(tmp_path / "loop.xml") == "loop.xml: line 1: loop.xml includes itself"
 
 
-MESHED = """<mujoco><asset><mesh name="m" file="{mesh}"/><texture name="t" type="2d" file="gone.png"/><material name="c" texture="t"/>
-</asset><worldbody><body name="fixed"><geom type="mesh" mesh="m" material="c"/></body>
+MESHED = """<mujoco><asset><mesh name="m" file="{mesh}"/><texture name="t" type="2d" file="gone.png"/>
+<material name="c" texture="t"/></asset><worldbody><body name="fixed"><geom type="mesh" mesh="m" material="c"/></body>
 <body name="a"><joint name="j1" axis="0 1 0" armature="0.1"/><geom type="{kind}" mesh="m"/>{explicit}<body name="b" pos="0 0 0.3">
 <joint name="j2" axis="0 1 0"/><geom size="0.1" pos="0.1 0 0"/></body></body></worldbody>
 <actuator><position joint="j2" kp="5" dampratio="1"/></actuator></mujoco>"""
@@ -285,7 +286,7 @@ def test_a_cut_loop_is_named_and_refused_for_a_fit_without_consent(
     assert any(
         note.endswith("closed loops are cut, and what they hold moves freely: rod") for note in robot.notes
     )
-    with pytest.raises(RobotError, match=r"closed loops, which a tree does not have: rod; .* --open"):
+    with pytest.raises(RobotError, match=r"closed loops, and a tree has none: rod; --open"):
         check_closed(robot)
     assert main(["init", str(path), str(log), "--kp", "5", "--kv", "1"]) == 2
     assert "it has closed loops" in one_line(capsys)
@@ -338,7 +339,8 @@ def test_wrong_drives_of_a_robot_file_are_refused(tmp_path: Path, line: str, mes
 
 SERVOS = MODEL.replace(
     '<motor joint="left_1" gear="10" ctrlrange="-3 3"/>',
-    '<position joint="left_1" kp="40" kv="1" gear="3"/><position joint="right_1" kp="9"/><position joint="right_2" kp="8" forcerange="-3 3"/>',
+    '<position joint="left_1" kp="40" kv="1" gear="3"/><position joint="right_1" kp="9"/>'
+    '<position joint="right_2" kp="8" forcerange="-3 3"/>',
 )
 LOOP = """schema = 1
 robot = '{robot}'
@@ -433,7 +435,8 @@ def test_without_mujoco_a_sentence_names_the_extra(tmp_path: Path, monkeypatch: 
          f"it has more than {MOST_ELEMENTS} elements; cut the robot out of it"),
         ('<geom size="0.04"/>', '<composite type="cable" count="1000000 1 1"><geom size="0.04"/></composite>',
          f"it has more than {MOST_ELEMENTS} elements"),
-        ('<geom size="0.04"/>', f"<geom size='0.04'/>{'<body/>' * MOST_OF['body']}", f"more than {MOST_OF['body']} elements <body>"),
+        ('<geom size="0.04"/>', f"<geom size='0.04'/>{'<body/>' * MOST_OF['body']}",
+         f"more than {MOST_OF['body']} elements <body>"),
         ("<mujoco", '<?xml version="1.0" encoding="klingon"?><mujoco', "not readable as XML (unknown encoding: klingon)"),
         ("<mujoco", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco', "it declares XML entities"),
         ("<worldbody>", "<worldbody><body name='\xe9'/>", ""),

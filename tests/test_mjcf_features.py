@@ -1,4 +1,4 @@
-"""One feature of MJCF a file, read by ``load_robot`` and compared with MuJoCo by ``benches/mjcf_corpus.py``: what is left out is named."""
+"""One feature of MJCF a file, compared with MuJoCo by ``benches/mjcf_corpus.py``: what is left out is named."""
 
 from __future__ import annotations
 
@@ -56,8 +56,10 @@ SAME = {
         at='childclass="c"',
     ),
     "several joints": '<mujoco><worldbody><body name="a">' + BODY + '<joint name="x" type="slide" axis="1 0 0"/>'
-    '<frame pos=".1 0 0" euler="0 0 30"><joint name="y" pos="0 .1 .1"/></frame><joint name="z" axis="0 0 1"/></body></worldbody></mujoco>',
-    "no names": '<mujoco><worldbody><body>' + BODY + "<joint/><body>" + BODY + '<joint axis="1 0 0"/></body></body></worldbody></mujoco>',
+    '<frame pos=".1 0 0" euler="0 0 30"><joint name="y" pos="0 .1 .1"/></frame><joint name="z" axis="0 0 1"/>'
+    "</body></worldbody></mujoco>",
+    "no names": "<mujoco><worldbody><body>" + BODY + "<joint/><body>" + BODY + '<joint axis="1 0 0"/>'
+    "</body></body></worldbody></mujoco>",
     "solids": arm(
         '<default><geom density="600"/></default>',
         first='<geom type="box" size=".1 .05 .02" euler="0 20 0"/><geom type="capsule" fromto="0 0 0 0 .1 .3" size=".03"/>',

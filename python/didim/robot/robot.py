@@ -142,7 +142,7 @@ class Geometry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Pickled):
-    """A robot with a fixed base: a chain or a tree. Made by `load_robot`. Tested in ``tests/test_robot.py``.
+    """A robot with a fixed base: a chain or a tree (``tests/test_robot.py``).
 
     Attributes
     ----------

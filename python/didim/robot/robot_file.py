@@ -144,8 +144,7 @@ def check_closed(robot: Robot) -> None:
     """Refuse a robot whose closed loops were cut without consent (``tests/test_mjcf.py``)."""
     if robot.cut:
         raise RobotError(
-            f"{robot.path.name}: it has closed loops, which a tree does not have: {series(robot.cut, 60)}; if they may be cut, "
-            "read it with --open (open=True)"
+            f"{robot.path.name}: it has closed loops, and a tree has none: {series(robot.cut, 60)}; --open (open=True) cuts them"
         )
 
 

@@ -218,9 +218,7 @@ class Reader:
         for e in range(model.neq):
             if not model.eq_active0[e]:
                 continue
-            kind, first, second = (
-                int(getattr(model, f"eq_{key}")[e]) for key in ("type", "obj1id", "obj2id")
-            )
+            kind, first, second = (int(model.eq_type[e]), int(model.eq_obj1id[e]), int(model.eq_obj2id[e]))
             name = model.equality(e).name or kinds(kind).name.removeprefix("mjEQ_").lower()
             if kind == int(kinds.mjEQ_JOINT):
                 joints = tuple(self.names[j] for j in (first, second) if j >= 0)
@@ -236,7 +234,8 @@ class Reader:
                 loops.append(Loop(name, joints=tuple({joint for each in tendons for joint in each})))
             elif kind in (int(kinds.mjEQ_CONNECT), int(kinds.mjEQ_WELD)):
                 ends = [self._body_of(int(model.eq_objtype[e]), end) for end in (first, second)]
-                name = model.equality(e).name or f"{name} of {' and '.join(self.bodies[end] for end in ends)}"
+                one, other = (self.bodies[end] for end in ends)
+                name = model.equality(e).name or f"{name} of {one} and {other}"
                 if any(model.body_mocapid[end] >= 0 for end in ends):
                     held.append(name)
                 else:
