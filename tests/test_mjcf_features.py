@@ -146,7 +146,7 @@ OTHER = {
     ),
     "curved tie": (
         "agree, loops named",
-        "closed loops are cut, and what they hold moves freely: joint (j2 to j1)",
+        "closed loops are cut, and what they hold moves freely: joint (j2, j1)",
         arm('<equality><joint joint1="j2" joint2="j1" polycoef="0 1 .5 0 0"/></equality>'),
     ),
     "connect": (

@@ -226,7 +226,7 @@ class Reader:
                 rest, slope, *curved = self._checked(model.eq_data[e][:5], f"polycoef of {name}").tolist()
                 straight = not any(curved) or second < 0
                 if not straight or self.joints[child].mimic is not None:
-                    loops.append(Loop(f"{name} ({' to '.join(joints)})", joints=joints))
+                    loops.append(Loop(f"{name} ({series(joints, 60)})", joints=joints))
                 if self.joints[child].mimic is None:
                     self.joints[child] = self._tied(child, first, second if straight else -1, rest, slope)
             elif kind == int(kinds.mjEQ_TENDON):
