@@ -344,6 +344,8 @@ def test_units_of_slides_and_turning_joints() -> None:
     assert found == {
         ("rad", "deg"): pytest.approx([np.pi / 180.0, 1.0]),
         ("deg", "rad"): pytest.approx([180.0 / np.pi, 1.0]),
+        ("rad", "mrad"): pytest.approx([1e-3, 1.0]),
+        ("deg", "mrad"): pytest.approx([0.18 / np.pi, 1.0]),
         ("m", "mm"): [1.0, 1e-3],
         ("mm", "m"): [1.0, 1e3],
     }
