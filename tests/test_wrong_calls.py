@@ -25,7 +25,7 @@ WRONG = {
     ("torques in mN.m", "payload"): ("torque-unit", "wrong"),
     ("degrees read as rad", "payload"): ("unit", "wrong"),
     ("rad declared as deg", "payload"): ("unit", "wrong"),
-    ("joints in reversed order", "payload"): ("reversed-order", "wrong"),
+    ("joints in reversed order", "payload"): ("reversed-joints", "wrong"),
     ("torques of joints 2 and 3 exchanged", "payload"): ("swapped-torques", "wrong"),
     ("torques of the motors", "payload"): ("side", "wrong"),
     ("the tool is in the model already", "payload"): ("no-load", "doubtful"),
@@ -36,7 +36,7 @@ WRONG = {
     ("the tool of the model was taken off", "payload"): ("load-inside", "wrong"),
     ("torques in mN.m", "validate"): ("torque-unit", "wrong"),
     ("degrees read as rad", "validate"): ("unit", "wrong"),
-    ("joints in reversed order", "validate"): ("reversed-order", "wrong"),
+    ("joints in reversed order", "validate"): ("reversed-joints", "wrong"),
     ("torques of joints 2 and 3 exchanged", "validate"): ("swapped-torques", "wrong"),
     ("torques of the motors", "validate"): ("side", "wrong"),
     ("a log of another robot", "validate"): ("other-robot", "wrong"),
@@ -203,7 +203,7 @@ FOUND = {
     ("torques in mN.m", "check"): "torque-unit: ",
     ("motors behind gears of 100", "check"): "side: ",
     ("positions in mrad", "check"): "unit: ",
-    ("joints in reversed order", "check"): "reversed-order: ",
+    ("joints in reversed order", "check"): "reversed-joints: ",
     ("the file of another included robot", "check"): "another-robot: ",
 }
 """Words of `init` and `check`, by name and command of a case; nothing about right calls."""

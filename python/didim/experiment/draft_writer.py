@@ -279,7 +279,9 @@ class RecordingWriter:
         self._tell(
             f"the arm moves from {start:g} s to {stop:g} s; the samples before and after are left out (windows_s)"
         )
-        return [f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests"]
+        return [
+            f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"
+        ]
 
     def _missing(self, table: str) -> list[str]:
         """Return commented lines of a table whose columns are unknown, and ask for them."""
