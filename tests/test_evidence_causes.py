@@ -335,7 +335,7 @@ def test_a_family_with_a_row_in_the_table_is_searched(
 
 
 def test_units_of_slides_and_turning_joints() -> None:
-    """What is declared in metres and radians may be in millimetres and degrees."""
+    """What is declared in metres and radians may be in millimetres, degrees and mrad."""
     rows = stub(origin={}, robot=stub(joint_kinds=("revolute", "prismatic")))
     found = {
         (item.facts["declared"], item.facts["unit"]): np.diagonal(np.asarray(item.position)).tolist()

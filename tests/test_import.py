@@ -70,6 +70,29 @@ def test_idim_ls_loads_no_simulating_method_and_no_scipy() -> None:
     assert "scipy" not in modules
 
 
+def test_the_time_of_a_method_is_without_the_import_of_scipy() -> None:
+    """The first method of a comparison would pay for all: a clock that is read notes what has been loaded by then."""
+    simulated = Path(__file__).parents[1] / "examples" / "planar2_simulation.toml"
+    code = (
+        "import sys, didim\n"
+        f"experiment = didim.load_experiment({str(simulated)!r})\n"
+        "log = didim.simulated_log(experiment, experiment.robot.sets['reference'])\n"
+        "didim.identify\n"
+        "module = sys.modules['didim.methods.identify']\n"
+        "seen = []\n"
+        "class Clock:\n"
+        "    @staticmethod\n"
+        "    def perf_counter():\n"
+        "        seen.append({name for name in sys.modules if name.startswith('scipy')})\n"
+        "        return float(len(seen))\n"
+        "module.time = Clock\n"
+        "fit = didim.identify(log, verbose=False)\n"
+        "assert fit.elapsed == len(seen) - 1 >= 1\n"
+        "assert seen[0] == seen[-1] and 'scipy.signal' in seen[0], seen[-1] - seen[0]\n"
+    )
+    assert "scipy.signal" in loaded_by(code)
+
+
 def test_a_regressor_loads_its_robot_alone() -> None:
     modules = loaded_by("from didim import load_robot, regressor")
     assert {"model.dynamics", "robot.robot"} <= parts(modules)

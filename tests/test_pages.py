@@ -144,6 +144,14 @@ def test_the_page_on_the_api_has_every_public_name() -> None:
             assert hasattr(thing, member), f"{path}.{member}"
 
 
+def test_the_home_page_and_the_menu_name_every_page() -> None:
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").glob("*.md")}
+    assert pages - {"index.md"} == {link for link in re.findall(r"\]\(([^)]+\.md)\)", text) if "/" not in link}
+    assert pages == set(re.findall(r": (\w+\.md)$", menu, flags=re.MULTILINE))
+
+
 def test_the_tables_of_methods_are_that_of_the_package() -> None:
     for rows in (
         tables(ROOT / "docs" / "choose.md")["--method needs gives"],

@@ -29,7 +29,7 @@ from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.units import ESTIMATE
 from ..robot.robot import Robot
-from ..robot.robot_file import PACKAGED, load_robot
+from ..robot.robot_file import PACKAGED, check_closed, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
@@ -37,7 +37,6 @@ from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio,
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
-from .loop_tables import of_actuators
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
@@ -86,7 +85,7 @@ def initialise(  # many parameters: one per option of `didim init`
     topic : str, optional
         Topic of a ROS bag.
     chain : mapping, optional
-        `tip`, `base` and `lock` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
+        `tip`, `base`, `lock` and `open` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
         joints the log names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
@@ -118,9 +117,7 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
-    if own_file:  # a robot file of ours has no actuators, so the experiment file has their gains
-        of_robot = {key: gain for key, gain in of_actuators(model).items() if key != "saturation"}
-        model, servo = replace(model, actuators=()), {**of_robot, **(servo or {})}
+    check_closed(model)
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)

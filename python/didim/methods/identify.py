@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 import textwrap
 import time
@@ -21,6 +22,7 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
+from ..robot.robot_file import check_closed
 from .friction import with_known_friction
 from .job import MeasuredRows
 from .measured import law_along, measured_along
@@ -128,6 +130,8 @@ def identify_as(
     verbose: bool | None = None,
 ) -> Identification:
     """Run a method as `identify` does, with its progress under a label."""
+    # Its import takes a second, which the first of several methods would pay for all: it is not part of `elapsed`.
+    importlib.import_module("scipy.signal")
     start = time.perf_counter()
     line = ProgressLine() if verbose is None else None
 
@@ -162,6 +166,7 @@ def default_method(experiment: Experiment) -> str:
 
 def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
     """Choose open friction terms, run the method, and judge the result."""
+    check_closed(experiment.robot)
     experiment, friction = with_known_friction(method, experiment, reporter.say)
     along: list[MeasuredRows] = []
     fit = method.run(experiment, replace(reporter, measured=along.append))

@@ -26,7 +26,7 @@ def with_geometry(robot: Robot, **changes: object) -> Robot:
 
 
 def other_robots(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return the geometry of each included robot with the same kinds of joints, standing as its file says or as declared."""
+    """Return the geometry of each included robot with the same kinds of joints, mounted as its file says or as declared."""
     declared = rows.robot.geometry
     if declared.mounts or rows.known is not None:  # known parameters are those of the declared rows
         return

@@ -37,14 +37,17 @@ def exchanged(rows: LogRows) -> Iterator[Hypothesis]:
         yield Hypothesis(code="swapped-joints", joints=joints, position=swap, order=tuple(order))
 
 
-def reversed_positions(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return all positions from the last joint to the first, with and without their torques."""
-    if rows.n > 2:
-        order = tuple(range(rows.n))[::-1]
-        turned = np.eye(rows.n)[list(order)]
-        yield Hypothesis(code="reversed-joints", position=turned, facts={"keys": ["position"]})
+def reversals(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return hypotheses of columns that begin with the last joint: positions, torques, or both."""
+    if rows.n < 3:  # two joints are an exchange
+        return
+    order = tuple(range(rows.n))[::-1]
+    for keys in (("position", "torque"), ("position",), ("torque",)):
         yield Hypothesis(
-            code="reversed-joints", position=turned, order=order, facts={"keys": ["position", "torque"]}
+            code="reversed-order",
+            position=np.eye(rows.n)[list(order)] if "position" in keys else None,
+            order=order if "torque" in keys else None,
+            facts={"keys": list(keys)},
         )
 
 

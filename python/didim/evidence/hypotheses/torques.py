@@ -114,9 +114,3 @@ def of_motors(rows: Declared) -> Iterator[Hypothesis]:
                 "ratios": (1.0 / factors).tolist(),
             },
         )
-
-
-def reversed_torques(rows: Declared) -> Iterator[Hypothesis]:
-    """Return all torques from the last joint to the first; the reversed positions are with those of positions."""
-    if rows.n > 2:
-        yield Hypothesis(code="reversed-joints", order=tuple(range(rows.n))[::-1], facts={"keys": ["torque"]})

@@ -41,14 +41,20 @@ def _side(j: tuple[int, ...], v: Any, f: Any) -> str:
 
 def _side_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
     text = f'Write side = "{f["side"]}" under {" and ".join(f"[recording.{key}]" for key in f["keys"])}'
-    if "ratio" in f:
-        return f'{text} with unit = "rad", and the gear ratios under [transmission]; the torques are probably of the motors too'
     if "ratios" in f:
         ratios = ", ".join(f"{ratio:.3g}" for ratio in f["ratios"])
         return (
             f"{text}, and the gear ratios as reduction under [transmission] of the robot file: about {ratios}"
         )
+    if "ratio" in f:
+        return f'{text} with unit = "rad", and the gear ratios under [transmission]; the torques are probably of the motors too'
     return f'{text}, and unit = "{f["unit"]}" for the positions' if "unit" in f else text
+
+
+def _torque_unit(j: tuple[int, ...], v: Any, f: Any) -> str:
+    if "unit" in f:
+        return f"the torques look as if they were in {f['unit']}"
+    return f"all torques look {v:.3g} times as large as they are"
 
 
 def _unit_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
@@ -57,19 +63,13 @@ def _unit_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
     return f'Write unit = "{f["unit"]}" under [recording.position]'
 
 
-def _unit(j: tuple[int, ...], v: Any, f: Any) -> str:
-    if "unit" in f:
-        return f"the torques look as if they were in {f['unit']}"
-    return f"all torques look {v:.3g} times as large as they are"
-
-
 def _reversed(j: tuple[int, ...], v: Any, f: Any) -> str:
     keys = " and ".join(f"{key}s" for key in f["keys"])
-    return f"the {keys} look reversed, last joint first"
+    return f"the {keys} look reversed, the last joint first"
 
 
 def _reversed_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
-    return f"Reverse the columns under {' and '.join(f'[recording.{key}]' for key in f['keys'])}"
+    return f"Reverse columns under {' and '.join(f'[recording.{key}]' for key in f['keys'])}"
 
 
 def _gravity(j: tuple[int, ...], v: Any, f: Any) -> str:
@@ -143,14 +143,9 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
         "weigh it: log a payload of known mass",
     ),
     "torque-unit": (
-        _unit,
+        _torque_unit,
         "Divide scale under [recording.torque] by {v:.4g}: scale is 1 where it is not written",
         "weigh it: log a payload of known mass",
-    ),
-    "reversed-joints": (
-        _reversed,
-        _reversed_edit,
-        "move one of the joints alone and see which columns answer",
     ),
     "swapped-positions": (
         "the positions of joints {j[0]} and {j[1]} look as if they were exchanged",
@@ -183,6 +178,11 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
         "turn a joint by a known angle",
     ),
     "side": (_side, _side_edit, "turn a joint by a known angle"),
+    "reversed-order": (
+        _reversed,
+        _reversed_edit,
+        "move one of the joints alone and see which column answers",
+    ),
     "another-robot": (
         "the log fits the included robot '{f[robot]}' better than '{f[declared]}'",
         'Write robot = "{f[robot]}" if it is one, or compare the lengths of the robot file with the arm',
