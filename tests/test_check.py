@@ -577,9 +577,9 @@ def backwards(log: Log, *keys: str) -> Log:
 def test_columns_that_begin_with_the_last_joint(
     short_tx40: Log, tmp_path: Path, keys: tuple[str, ...]
 ) -> None:
-    item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-joints")
+    item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-order")
     words = " and ".join({"q": "positions", "tau": "torques"}[key] for key in keys)
-    assert item.sentence.startswith(f"the {words} look reversed, last joint first")
+    assert item.sentence.startswith(f"the {words} look reversed, the last joint first")
     for key, table in (("q", "[recording.position]"), ("tau", "[recording.torque]")):
         assert (table in item.advice) == (key in keys)
 

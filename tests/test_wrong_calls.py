@@ -203,7 +203,7 @@ FOUND = {
     ("torques in mN.m", "check"): "torque-unit: ",
     ("motors behind gears of 100", "check"): "side: ",
     ("positions in mrad", "check"): "unit: ",
-    ("joints in reversed order", "check"): "reversed-joints: ",
+    ("joints in reversed order", "check"): "reversed-order: ",
     ("the file of another included robot", "check"): "another-robot: ",
 }
 """Words of `init` and `check`, by name and command of a case; nothing about right calls."""
