@@ -189,7 +189,7 @@ def test_gravity_that_a_robot_file_lacks_is_that_of_the_earth() -> None:
 def test_six_causes_are_decided(monkeypatch: pytest.MonkeyPatch) -> None:
     """The best by the plain fit, of which the consistent fit takes long."""
     monkeypatch.setattr(causes, "OF_TORQUES", ())
-    search = Search(stub(hopeless=False))
+    search = Search(stub(hopeless=False, known=None))
     decided: list[float] = []
     every = [stub(hypothesis=Hypothesis(code="gain"), d=-1.0 - k, friction=False) for k in range(9)]
     monkeypatch.setattr(causes, "signs", lambda rows: every)

@@ -94,10 +94,11 @@ class Screen:
             w += self._correction
         w[:, :, places] = np.where(even, exact, np.where(odd, -exact, w[:, :, places]))
         if not near:
-            # A joint that keeps its own position in another unit keeps the reversals; a column has any scale.
+            # A joint that keeps its own position in another unit keeps its reversals; viscous friction is right as it is.
             alone = (scale != 0.0) & (np.count_nonzero(position, axis=1) == 1)
-            own = np.ix_(alone, np.ones(w.shape[1], dtype=bool), places)
-            w[own] = np.sign(scale[alone])[:, None, None] * exact[alone]
+            dry = ~np.isclose(after, scale[:, None, None] * smooth, rtol=1e-9, atol=0.0).all(axis=(0, 1))
+            own = np.ix_(alone, np.ones(w.shape[1], dtype=bool), places[dry])
+            w[own] = np.sign(scale[alone])[:, None, None] * exact[alone][:, :, dry]
         return w
 
 
