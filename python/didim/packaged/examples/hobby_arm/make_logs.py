@@ -73,7 +73,11 @@ def write_logs(folder: Path) -> None:
         r = commands(np.random.default_rng(seed), seconds)
         count = 2.0 * np.pi / COUNTS
         q = np.round(followed(model, r) / count) * count
-        columns = ["time", *(f"{joint}_position" for joint in joints), *(f"{joint}_command" for joint in joints)]
+        columns = [
+            "time",
+            *(f"{joint}_position" for joint in joints),
+            *(f"{joint}_command" for joint in joints),
+        ]
         table = np.column_stack([np.arange(len(r)) / RATE_HZ, np.degrees(q), np.degrees(r)])
         np.savetxt(folder / name, table, fmt="%.6f", delimiter=",", header=",".join(columns), comments="")
 

@@ -63,7 +63,9 @@ def commands(rng: np.random.Generator, seconds: float) -> Array:
     phase = 2.0 * np.pi * np.outer(0.3 * t + 0.5 * t**2 / seconds, 0.5 * fastest) + rng.uniform(0.0, 6.0, 12)
     jumps = np.repeat(rng.uniform(-0.3, 0.3, (round(2.5 * seconds), 12)), round(RATE_HZ / 2.5), axis=0)
     begin = np.minimum(t, 1.0)[:, None]  # from rest
-    return np.asarray(np.tile(POSE, 4) + begin * np.where((t % 4.0 < 2.0)[:, None], 0.35 * np.sin(phase), jumps))
+    return np.asarray(
+        np.tile(POSE, 4) + begin * np.where((t % 4.0 < 2.0)[:, None], 0.35 * np.sin(phase), jumps)
+    )
 
 
 def followed(model: Any, r: Array) -> Array:
@@ -88,7 +90,11 @@ def write_logs(folder: Path) -> None:
         rng = np.random.default_rng(seed)
         r = commands(rng, seconds)
         q = followed(model, r) + NOISE_RAD * rng.standard_normal(r.shape)
-        columns = ["time", *(f"{joint}_position" for joint in joints), *(f"{joint}_command" for joint in joints)]
+        columns = [
+            "time",
+            *(f"{joint}_position" for joint in joints),
+            *(f"{joint}_command" for joint in joints),
+        ]
         table = np.column_stack([np.arange(len(r)) / RATE_HZ, q, r])
         np.savetxt(folder / name, table, fmt="%.6f", delimiter=",", header=",".join(columns), comments="")
 
