@@ -103,6 +103,46 @@ URDF: dict[str, str] = {
 }
 
 
+_LINK = "<body><joint/><geom size='.1'/>"
+_BODY = "<worldbody><body name='a'><joint name='j'/><geom size='.1'/></body></worldbody>"
+_MANY = 15_000
+MJCF: dict[str, str] = {
+    name: f"<mujoco>{text}</mujoco>"
+    for name, text in {
+        "bodies": "<worldbody>" + _LINK * 450 + "</body>" * 450 + "</worldbody>",
+        "many bodies": "<worldbody>" + (_LINK + "</body>") * _MANY + "</worldbody>",
+        "replicate": "<worldbody>"
+        + "<replicate count='1000'>" * 3
+        + "<geom/>"
+        + "</replicate>" * 3
+        + "</worldbody>",
+        "composite": "<worldbody><composite type='cable' count='1000000 1 1' size='1'><geom/></composite></worldbody>",
+        "flexcomp": "<worldbody><flexcomp name='f' type='grid' count='1000 1000 1000'/></worldbody>",
+        "memory": "<size memory='1000G'/>" + _BODY,
+        "user data": "<size nuserdata='1000000000'/>" + _BODY,
+        "keys": "<size nkey='1000000000'/>" + _BODY,
+        "numeric": "<custom><numeric name='x' size='2000000000' data='1'/></custom>" + _BODY,
+        "texture": "<asset><texture name='t' type='2d' builtin='flat' width='99999' height='99999'/></asset>"
+        + _BODY,
+        "height field": "<asset><hfield name='h' nrow='99999' ncol='99999' size='1 1 1 1'/></asset>" + _BODY,
+        "plugin": "<extension><plugin plugin='mujoco.sdf.torus'/></extension>" + _BODY,
+        "attached to itself": "<asset><model name='m' file='arm.xml'/></asset><worldbody><attach model='m' body='a' "
+        "prefix='x'/></worldbody>",
+        "included in itself": "<include file='arm.xml'/>" + _BODY,
+        "gear": _BODY + "<actuator><motor joint='j' gear=''/></actuator>",
+        "classes": "<default>" * 400 + "</default>" * 400 + _BODY,
+        "not a number": _BODY.replace("size='.1'", "size='.1' mass='nan'"),
+        "infinite": _BODY.replace(
+            "name='j'", "name='j' armature='1e300' damping='1e308' range='-1e300 1e300'"
+        ),
+        "large": _BODY.replace("size='.1'", "size='1e100' density='1e200'"),
+        "sensors": _BODY + "<sensor>" + "<jointpos joint='j'/>" * _MANY + "</sensor>",
+        "actuators": _BODY + "<actuator>" + "<motor joint='j'/>" * _MANY + "</actuator>",
+        "ties": _BODY + "<equality>" + "<joint joint1='j'/>" * _MANY + "</equality>",
+    }.items()
+}
+
+
 def _npz(make: Callable[[zipfile.ZipFile], None]) -> Writer:
     def write(path: Path) -> None:
         stream = io.BytesIO()
@@ -220,6 +260,7 @@ FILES: dict[str, dict[str, Writer]] = {
     ".json": {name: _text(text) for name, text in (TEXTS | JSON).items()},
     ".jsonl": {name: _text(text) for name, text in (TEXTS | JSON).items()},
     ".urdf": {name: _text(text) for name, text in (TEXTS | URDF).items()},
+    ".xml": {name: _text(text) for name, text in (TEXTS | URDF | MJCF).items()},
     ".yaml": {name: _text(text) for name, text in (TEXTS | TOML).items()},
     ".npz": {
         "zeros": _npz(_zeros),

@@ -96,6 +96,7 @@ def mutate(path: Path, rng: random.Random) -> str:
         ".h5": [_hdf5, _hdf5, _bytes],
         ".jsonl": [_json_line, _json_line, _line, _number, _bytes],
         ".urdf": [_attribute, _attribute, _element, _number, _number, _line, _bytes, _encoding],
+        ".xml": [_attribute, _attribute, _attribute, _element, _number, _number, _line, _bytes, _encoding],
         ".mcap": [_bytes],
         ".yaml": [_number, _line, _bytes],
     }

@@ -264,6 +264,41 @@ side = "joint"
 cutoff_hz = 40.0
 """
 
+MJCF = """\
+<mujoco model="arm">
+  <compiler angle="degree" eulerseq="xyz" autolimits="true" inertiagrouprange="0 3" boundmass="0.01"/>
+  <option gravity="0 0 -9.81" integrator="implicitfast"/>
+  <default><joint damping="0.3" armature="0.02"/><geom density="700"/>
+    <default class="arm"><joint axis="0 1 0" frictionloss="0.4" range="-90 45" solimpfriction="0.9 0.95"/></default></default>
+  <asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><mesh name="gone" file="gone.stl"/></asset>
+  <worldbody>
+    <frame pos="0.1 0 0.2" euler="20 0 0">
+      <body name="a" pos="0 0 0.3" axisangle="0 1 0 25" childclass="arm">
+        <joint name="shoulder"/><geom type="capsule" size="0.05 0.2" fromto="0 0 0 0.1 0 0"/>
+        <body name="b" pos="0.3 0 0" xyaxes="0 1 0 -1 0 0">
+          <joint name="elbow" pos="0.05 0 0" ref="40" stiffness="3" springref="10"/>
+          <inertial pos="0 0 0.1" mass="0.7" fullinertia="0.01 0.012 0.014 0.001 -0.002 0.0005"/><geom type="mesh" mesh="gone"/>
+          <body name="c" pos="0 0 0.2" gravcomp="1"><joint name="wrist" type="slide" axis="0 0 1" springdamper="0.1 1"/>
+            <geom type="mesh" mesh="m" mass="0.2"/><replicate count="3" offset="0 0 0.1"><geom size="0.02"/></replicate></body>
+        </body>
+      </body>
+    </frame>
+  </worldbody>
+  <tendon>
+    <fixed name="t" armature="0.1" stiffness="2"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="2"/></fixed>
+  </tendon>
+  <equality>
+    <joint joint1="wrist" joint2="elbow" polycoef="0.1 0.5 0 0 0"/><connect body1="c" body2="a" anchor="0 0 0"/>
+  </equality>
+  <actuator>
+    <position joint="shoulder" kp="50" dampratio="1" forcerange="-7 7" gear="3"/>
+    <general joint="elbow" gainprm="40" biastype="affine" biasprm="0 -40 -3" dyntype="filter" dynprm="0.02"/>
+    <motor jointinparent="wrist" gear="10" ctrlrange="-3 3"/>
+  </actuator>
+  <keyframe><key qpos="0 0 0"/></keyframe>
+</mujoco>
+"""
+
 SCENARIOS: tuple[tuple[list[str], str, int], ...] = (
     (["study", "study.toml", "-o", "new.jsonl", "--executor", "serial", "--quiet"], "study.toml loop.toml slide.toml", 2),
     (["study", "study.toml", "-o", "rows.jsonl", "--executor", "serial", "--quiet"], "rows.jsonl", 2),
@@ -283,6 +318,7 @@ SCENARIOS: tuple[tuple[list[str], str, int], ...] = (
     (["init", "arm.toml", "log.csv", "sensed.csv", "-o", "out.toml", "--force"], "sensed.csv log.csv", 1),
     (["robot", "arm.urdf", "-o", "out.toml", "--force"], "arm.urdf", 4),
     (["base", "arm.urdf"], "arm.urdf", 2),
+    (["robot", "arm.xml", "-o", "out.toml", "--force"], "arm.xml", 6),
     (["export", "fit.json", "--mjcf", "-o", "out.txt"], "fit.json arm.toml", 2),
     (["export", "fit.json", "--sdf", "-o", "out.txt"], "fit.json", 1),
     (["export", "fit.json", "--c", "-o", "out.txt"], "fit.json", 1),
@@ -322,6 +358,7 @@ def make(folder: Path, motion: tuple[Array, Array, Array, Array]) -> None:
     """
     texts = {
         "arm.urdf": URDF,
+        "arm.xml": MJCF,
         "study.toml": STUDY,
         "excite.toml": EXCITE,
         "clear.toml": CLEAR,

@@ -1,4 +1,4 @@
-"""Wrong calls of the commands that estimate, and right ones: exit code and last sentence of each.
+"""Wrong calls of the commands that estimate, check and begin, and right ones: exit code and last sentence of each.
 
     python benches/wrong_calls.py [--only WORD ...] [--right N] [--markdown]
 
@@ -191,6 +191,52 @@ def case_of(log: Log, *, tool_inside: bool = False) -> Write:
     return write
 
 
+def text_of(log: Log) -> Write:
+    """Return the function that writes a text with names and time stamps, ``log.csv``."""
+
+    def write(folder: Path) -> None:
+        q, tau = log.signals()
+        names = ",".join(["t", *(f"{key}{k}" for key in ("q", "tau") for k in range(1, 7))])
+        t = np.arange(len(q)) / RATE_HZ
+        table = np.column_stack([t, q, tau])
+        np.savetxt(folder / "log.csv", table, "%.9g", ",", header=names, comments="")
+
+    return write
+
+
+def two_files_of(log: Log) -> Write:
+    """Return the function that writes positions and torques into two files without names."""
+
+    def write(folder: Path) -> None:
+        for name, values in zip(("ang", "torque"), log.signals(), strict=True):
+            np.savetxt(folder / f"{name}.txt", values, "%.9g")
+
+    return write
+
+
+def lines_of(log: Log) -> Write:
+    """Return the function that writes each signal of all joints value by value, and the time stamps in a file of their own."""
+
+    def write(folder: Path) -> None:
+        q, tau = log.signals()
+        for name, values in (("pos", q), ("tau", tau), ("time", np.arange(len(q)) / RATE_HZ)):
+            np.savetxt(folder / f"run_{name}.txt", values.reshape(-1, 1), "%.9g")
+
+    return write
+
+
+def other_robot_of(log: Log) -> Write:
+    """Return the function that writes the log with an experiment file that names another robot."""
+
+    def write(folder: Path) -> None:
+        path = log.write(folder)
+        path.write_text(
+            path.read_text(encoding="utf-8").replace('robot = "tx40"', 'robot = "kr16"'), encoding="utf-8"
+        )
+
+    return write
+
+
 # What goes wrong.
 
 
@@ -221,6 +267,27 @@ def of_motors(q: Array, tau: Array) -> tuple[Array, Array]:
     return q, tau @ np.linalg.inv(np.array(didim.load_robot("tx40").reduction))
 
 
+def of_all_motors(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Positions and torques of the motors."""
+    reduction = np.array(didim.load_robot("tx40").reduction)
+    return q @ reduction.T, tau @ np.linalg.inv(reduction)
+
+
+def geared(ratio: float) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Positions and torques of motors behind gears that no file has."""
+    return lambda q, tau: (ratio * q, tau / ratio)
+
+
+def in_mrad(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Positions in milliradians."""
+    return 1e3 * q, tau
+
+
+def noise(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Torques of something else."""
+    return q, np.random.default_rng(0).standard_normal(tau.shape)
+
+
 def pushed(q: Array, tau: Array) -> tuple[Array, Array]:
     """A push of 8 N.m against joint 3 for 0.4 s."""
     tau = tau.copy()
@@ -244,6 +311,9 @@ PAYLOAD, VALIDATE, RESIDUAL = (
     f"{command} fit.json log.toml" for command in ("payload", "validate", "residual")
 )
 """The commands of most cases."""
+
+INIT, CHECK = "init tx40 log.csv -o x.toml", "check log.toml"
+"""The commands of a first hour."""
 
 GRIPPER = 'payload = "gripper"'
 KNOWN = """
@@ -277,7 +347,28 @@ CASES: list[Case] = [
     Case("torques in mN.m", case_of(Log(LATER_SEED, plant=times(1e3))), RESIDUAL),
     Case("torques of joints 2 and 3 exchanged", case_of(Log(LATER_SEED, plant=exchanged(2, 3))), RESIDUAL),
     Case("a tool that is not declared", case_of(Log(LATER_SEED, TOOL)), RESIDUAL),
+    # Ten mistakes that `init` and `check` answer.
+    Case("motors behind gears of 100", text_of(Log(LATER_SEED, plant=geared(100.0))), INIT),
+    Case("motors by the gears of the robot file", text_of(Log(LATER_SEED, plant=of_all_motors)), INIT),
+    Case("torques that are noise", text_of(Log(LATER_SEED, plant=noise)), INIT),
+    Case(
+        "positions and torques in two files",
+        two_files_of(Log(LATER_SEED)),
+        "init tx40 ang.txt torque.txt --rate 200 -o x.toml",
+    ),
+    Case(
+        "one value a line in three files",
+        lines_of(Log(LATER_SEED)),
+        "init tx40 run_pos.txt run_tau.txt run_time.txt -o x.toml",
+    ),
+    Case("torques in mN.m", case_of(Log(LATER_SEED, plant=times(1e3))), CHECK),
+    Case("motors behind gears of 100", case_of(Log(LATER_SEED, plant=geared(100.0))), CHECK),
+    Case("positions in mrad", case_of(Log(LATER_SEED, plant=in_mrad)), CHECK),
+    Case("joints in reversed order", case_of(Log(LATER_SEED, plant=reversed_joints)), CHECK),
+    Case("the file of another included robot", other_robot_of(Log(LATER_SEED)), CHECK),
     # Right calls.
+    Case("a log of radians", text_of(Log(LATER_SEED)), INIT, right=True),
+    Case("a log of radians", case_of(Log(LATER_SEED)), CHECK, right=True),
     Case("a tool of 2 kg", case_of(Log(LATER_SEED, TOOL)), PAYLOAD, right=True),
     Case("a log without a load", case_of(Log(LATER_SEED)), VALIDATE, right=True),
     Case(
@@ -317,6 +408,8 @@ class Said(NamedTuple):
         """Word of the verdict; "refused" for an error, "none" without a verdict."""
         if self.sentence.startswith("Verdict: "):
             return self.sentence.split(": ")[1].split(",")[0]
+        if self.case.command.startswith(("init", "check")) and self.code != 2:
+            return "found" if self.sentence.startswith("- ") else "sound"
         return "refused" if self.code == 2 else "none"
 
 
@@ -328,6 +421,12 @@ def sentence_of(out: str, err: str, code: int) -> str:
             return line
     if code == 2:
         return err.strip().splitlines()[-1]
+    answers = ("positions are those", "which is not usual", "signals of one recording", "open:")
+    of_init = [line for line in [*lines, *err.splitlines()] if any(answer in line for answer in answers)]
+    of_check = [line for line in lines if line.startswith("- ")] if "finding" in lines[0] else []
+    if of_check or of_init or "nothing found" in lines[0] or "written" in lines[0]:
+        first = (of_check or of_init or lines)[0]
+        return f"{first}{f' ({len(of_check)} lines)' if len(of_check) > 1 else ''}"
     starts = ("relative error", "torque, predicted", "mass", "no external", "the payload", "external")
     told = [" ".join(line.split()) for line in lines if line.startswith(starts)]
     return f"no verdict; {'; '.join(told)}"

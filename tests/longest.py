@@ -47,6 +47,7 @@ PRINTED = {
         "report/fit",
         "report/page",
         "result/further",
+        "experiment/draft_servos",
         "result/identification",
         "result/words/causes",
         "robot/parameters",

@@ -8,10 +8,10 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from didim.signal.window import Window
 from numpy.typing import NDArray
 
 import didim
@@ -25,6 +25,7 @@ from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
 from didim.robot.robot import JointLimits
+from didim.signal.window import Window
 from didim.studies.simulated_log import PACKAGED, measured, packaged_experiment, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
@@ -242,11 +243,11 @@ def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
     )
     log = replace(log, robot="geared.toml")
     item = alone(check(on_motor_side(log, reduction).write(tmp_path)), "side")
-    assert "positions and torques look as if they were those of the motors" in item.sentence
+    assert "positions and torques look like those of the motors" in item.sentence
     assert 'side = "motor"' in item.advice
     motor_torques = replace(log, tau=on_motor_side(log, reduction).tau)
     item = alone(check(motor_torques.write(tmp_path)), "side")
-    assert "the torques look as if they were those of the motors" in item.sentence
+    assert "the torques look like those of the motors" in item.sentence
     item = alone(check(replace(log, side="motor").write(tmp_path)), "side")
     assert "those of the joints, not of the motors" in item.sentence
 
@@ -578,7 +579,7 @@ def test_columns_that_begin_with_the_last_joint(
 ) -> None:
     item = alone(check(backwards(short_tx40, *keys).write(tmp_path)), "reversed-order")
     words = " and ".join({"q": "positions", "tau": "torques"}[key] for key in keys)
-    assert item.sentence.startswith(f"the {words} look as if their columns were in reversed order")
+    assert item.sentence.startswith(f"the {words} look reversed, the last joint first")
     for key, table in (("q", "[recording.position]"), ("tau", "[recording.torque]")):
         assert (table in item.advice) == (key in keys)
 
@@ -660,7 +661,7 @@ def test_limits_of_many_joints_are_one_line() -> None:
 
     def part(joints: int) -> Window:
         mask = np.arange(n) < joints
-        values = {"q": 2.0 * q * mask, "dq": 3.0 * q * mask, "ddq": q, "tau": 4.0 * q * mask}
+        values: dict[str, Any] = {"q": 2.0 * q * mask, "dq": 3.0 * q * mask, "ddq": q, "tau": 4.0 * q * mask}
         return Window(name="log", place="log", rate_hz=1000.0, **values)
 
     for joints, lines in ((0, 0), (1, 3), (2, 6), (3, 3), (6, 3)):

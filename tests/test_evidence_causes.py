@@ -335,7 +335,7 @@ def test_a_family_with_a_row_in_the_table_is_searched(
 
 
 def test_units_of_slides_and_turning_joints() -> None:
-    """What is declared in metres and radians may be in millimetres and degrees."""
+    """What is declared in metres and radians may be in millimetres, degrees and mrad."""
     rows = stub(origin={}, robot=stub(joint_kinds=("revolute", "prismatic")))
     found = {
         (item.facts["declared"], item.facts["unit"]): np.diagonal(np.asarray(item.position)).tolist()
@@ -344,6 +344,8 @@ def test_units_of_slides_and_turning_joints() -> None:
     assert found == {
         ("rad", "deg"): pytest.approx([np.pi / 180.0, 1.0]),
         ("deg", "rad"): pytest.approx([180.0 / np.pi, 1.0]),
+        ("rad", "mrad"): pytest.approx([1e-3, 1.0]),
+        ("deg", "mrad"): pytest.approx([0.18 / np.pi, 1.0]),
         ("m", "mm"): [1.0, 1e-3],
         ("mm", "m"): [1.0, 1e3],
     }

@@ -565,7 +565,7 @@ def test_one_value_a_line_of_unknown_width(tmp_path: Path, capsys: pytest.Captur
         str(one_value_a_line(tmp_path / f"{name}.txt", values)) for name, values in (("a", Q), ("b", TAU))
     ]
     assert main(["init", "planar2", *logs, "--rate", "500", "-o", str(tmp_path / "x.toml")]) == 1
-    assert "--values-per-sample says how many make a sample" in capsys.readouterr().err
+    assert "(or --values-per-sample N?)" in capsys.readouterr().err
     more = ["--values-per-sample", "2", "--rate", "500", "-o", str(tmp_path / "x.toml")]
     assert main(["init", "planar2", *logs, *more]) == 0
     check_log(tmp_path / "x.toml", load_experiment(tmp_path / "x.toml").recordings[0].name)

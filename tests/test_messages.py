@@ -77,6 +77,7 @@ def test_sentences_of_causes_are_short(code: str, n_ties: int) -> None:
         "unit": "deg",
         "row": 6,
         "symbol": "r",
+        "robot": "planar2",
         "vector": [-1.23, 4.56, -7.89],
     }
     joints = (1, 2) if "swapped" in code else (6,)

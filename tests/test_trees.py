@@ -500,7 +500,7 @@ def test_tiago_by_its_three_files(
     Path("tiago.toml").write_text(text)
     log = didim.load_experiment("tiago.toml")
     with_gains = didim.identify(log, didim.IDIMLS())
-    assert with_gains.overall_relative_error < 0.4 * fit.overall_relative_error
+    assert with_gains.overall_relative_error < 0.45 * fit.overall_relative_error
     arm = [name for name in fit.names if re.fullmatch("F[vc][2-5]", name)]
     assert len(arm) == 8
     assert all(with_gains.beta[with_gains.names.index(name)] > 0.0 for name in arm)

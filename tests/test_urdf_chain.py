@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -53,6 +54,48 @@ def test_a_single_finger_counts_unless_the_tip_is_given() -> None:
     chain = chain_of(text, tip="l3")
     assert joints_of(chain) == ["to_l1", "to_l2", "to_l3"]
     assert dict(chain.locked) == {"to_finger": 0.0}
+
+
+@pytest.mark.parametrize(("joints", "whole"), [(1, True), (2, True), (3, False)])
+def test_what_branches_off_an_arm_is_a_gripper_and_off_a_wrist_a_hand(
+    tmp_path: Path, joints: int, whole: bool
+) -> None:
+    """A palm with fingers of two joints: locked on an arm, which is said, and a whole robot on less."""
+    path = tmp_path / "hand.urdf"
+    fingers = [edge for name in "abc" for edge in arm(f"l{joints}", name, 2)]
+    path.write_text(tree(*arm("base", "l", joints), *fingers))
+    robot = load_robot(path)
+    assert robot.n_dof == joints + 6 * whole
+    assert ("and 6 locked" in repr(robot)) is not whole
+    assert any("the chain ends at link l3; locked at 0" in note for note in robot.notes) is not whole
+    assert load_robot(path, tip="").n_dof == joints + 6
+
+
+def test_a_link_world_need_not_have_an_element() -> None:
+    text = tree(*arm("world", "l", 2))
+    bare = re.sub(r'<link name="world">.*?</link>', "", text)
+    assert bare != text
+    assert chain_of(bare).base == "world"
+    assert joints_of(chain_of(bare)) == joints_of(chain_of(text))
+    with pytest.raises(RobotError, match="there is no link 'base'"):
+        chain_of(bare.replace('link="world"', 'link="base"'))
+
+
+def test_macros_that_were_not_expanded_are_left_out_of_a_complete_tree() -> None:
+    macro = '<xacro:include filename="a.xacro"/><xacro:finger side="left"/>'
+    text = tree(*arm("base", "l", 2)).replace("<robot>", f"<robot>{macro}")
+    description = read_description(text.encode(), "arm.urdf")
+    assert description.notes == (
+        "xacro macros that were not expanded are left out: xacro:include, xacro:finger",
+    )
+    # Without the joint to the base two trees are left, which a macro may connect.
+    for wrong in (
+        text.replace('<parent link="base"/>', '<parent link="lost"/>'),
+        re.sub("<joint.*</joint>", "", text),
+        text.replace("</robot>", '<link name="another"/></robot>'),
+    ):
+        with pytest.raises(RobotError, match=r"xacro macros \(xacro:include\); expand it first"):
+            read_description(wrong.encode(), "arm.urdf")
 
 
 def test_fixed_branches_do_not_stop_the_chain() -> None:

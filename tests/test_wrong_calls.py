@@ -51,7 +51,10 @@ CALLS = script(Path(__file__).resolve().parents[1] / "benches" / "wrong_calls.py
 """The program; its fits are made once in a process."""
 
 
-@pytest.mark.parametrize("case", CALLS.CASES, ids=lambda case: f"{case.command.split()[0]}: {case.name}")
+ESTIMATING = [case for case in CALLS.CASES if not case.command.startswith(("init", "check"))]
+
+
+@pytest.mark.parametrize("case", ESTIMATING, ids=lambda case: f"{case.command.split()[0]}: {case.name}")
 def test_a_call_ends_in_its_word(
     case: Any,
     tmp_path: Path,
@@ -77,7 +80,7 @@ def test_a_call_ends_in_its_word(
 
 
 def test_all_wrong_calls_are_expected() -> None:
-    wrong = [(case.name, case.command.split()[0]) for case in CALLS.CASES if not case.right]
+    wrong = [(case.name, case.command.split()[0]) for case in ESTIMATING if not case.right]
     assert sorted(wrong) == sorted(WRONG)
 
 
@@ -189,3 +192,40 @@ def test_errors_above_those_of_the_fit_name_the_joints() -> None:
         "recording cold: the torques of joint 3 are off by up to 31 %, 4.2 times as much (N.m) as in the fit"
     )
     assert "fit lacks motion" in finding.advice
+
+
+FOUND = {
+    ("motors behind gears of 100", "init"): "positions are those of motors behind gears of about 10",
+    ("motors by the gears of the robot file", "init"): "positions are those of the motors",
+    ("torques that are noise", "init"): "which is not usual",
+    ("positions and torques in two files", "init"): "2 files are signals of one recording",
+    ("one value a line in three files", "init"): "3 files are signals of one recording",
+    ("torques in mN.m", "check"): "torque-unit: ",
+    ("motors behind gears of 100", "check"): "side: ",
+    ("positions in mrad", "check"): "unit: ",
+    ("joints in reversed order", "check"): "reversed-order: ",
+    ("the file of another included robot", "check"): "another-robot: ",
+}
+"""Words of `init` and `check`, by name and command of a case; nothing about right calls."""
+BEGINNING = [case for case in CALLS.CASES if case not in ESTIMATING]
+
+
+@pytest.mark.parametrize("case", BEGINNING, ids=lambda case: f"{case.command.split()[0]}: {case.name}")
+def test_a_first_hour_has_one_line_for_one_mistake(
+    case: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case.write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    command = case.command.split()[0]
+    code = main(shlex.split(case.command))
+    out = capsys.readouterr().out
+    if case.right:
+        assert code == 0
+        assert not any(words in out for words in FOUND.values())
+        return
+    (line,) = [line for line in out.splitlines() if FOUND[case.name, command] in line]
+    if command == "check":
+        assert code == 1
+        assert [each for each in out.splitlines() if each.startswith("- ")] == [line]
+    else:
+        assert code == 0

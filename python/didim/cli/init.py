@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> int:
     if None in numbers and not estimated:
         wrong = options.gain[numbers.index(None)]
         return refuse(f"--gain takes numbers or {ESTIMATE!r}, got {wrong!r}{did_you_mean(wrong, [ESTIMATE])}")
-    chain = {"tip": options.tip, "base": options.base, "lock": locked(options) or None}
+    chain = {"tip": options.tip, "base": options.base, "lock": locked(options) or None, "open": options.open}
     saved = Saved()
     path, draft = initialise(
         options.robot,

@@ -122,6 +122,9 @@ def add_chain(parser: Options, tip: str) -> None:
         action="append",
         default=[],
     )
+    add_flag(
+        parser, "--open", "closed loops of an MJCF are cut on purpose: a fit takes the tree that is left"
+    )
 
 
 def locked(options: argparse.Namespace) -> dict[str, float]:

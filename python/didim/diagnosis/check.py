@@ -272,9 +272,8 @@ def _model(
         beta = None  # what the logs have beside the robot is not known
     hints: list[Finding] = []
     judged = rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta)
-    thousand = check_torque_unit(robot, judged, parts)
-    if thousand and beta is not None:
-        return thousand  # known parameters predict torques of another unit
+    # Beside known parameters the unit is a cause like others; without them a fit does not see it.
+    thousand = check_torque_unit(robot, rows, parts) if beta is None else []
     named = [*thousand, *_causes(judged, hints)]
     if named:
         # What else a log declared so wrongly seems to have comes from that.

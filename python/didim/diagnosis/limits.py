@@ -127,8 +127,7 @@ def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Window]) -> list[
     largest torques over the limits of effort decide.
     """
     factors = []
-    known = [] if rows.known is None else [rows.known]
-    known += [robot.base_parameters.project(x) for x in _sets(robot)]
+    known = [robot.base_parameters.project(x) for x in _sets(robot)]
     for beta in known:
         predicted = rows.w[:, :, : len(beta)] @ beta
         power = np.sum(predicted**2, axis=1)
@@ -149,7 +148,7 @@ def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Window]) -> list[
             grade="wrong",
             sentence="the torques look 1000 times too large, as if they were in mN.m, not in N.m: "
             + (
-                "by the parameters that are known"
+                "by the parameters of the robot file"
                 if known
                 else f"the limits of robot '{robot.name}' fit a thousandth of them"
             ),

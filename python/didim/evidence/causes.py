@@ -146,7 +146,10 @@ class Search:
                 if d <= SCREEN:
                     scored.append((d, hypothesis))
         scored.sort(key=lambda pair: pair[0])
-        return [hypothesis for _, hypothesis in scored[:MOST_EXACT]]
+        # One other robot: any may come near where one does, and would leave no room for other causes.
+        other = next((own for _, own in scored if "robot" in own.facts), None)
+        promising = [own for _, own in scored if own is other or "robot" not in own.facts]
+        return promising[:MOST_EXACT]
 
     def _fell(self, hypothesis: Hypothesis) -> float:
         return float(np.sum(np.log(self.rows.seen(hypothesis) / self.rows.declared_seen)))

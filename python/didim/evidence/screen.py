@@ -87,14 +87,17 @@ class Screen:
         even, odd = (np.all(after == sign * smooth, axis=(0, 1)) for sign in (1.0, -1.0))
         # The error of the decimated motion is about the same where each joint keeps its direction.
         scale = np.diag(position)
-        if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
+        near = (
+            np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all()
+        )
+        if near:
             w += self._correction
         w[:, :, places] = np.where(even, exact, np.where(odd, -exact, w[:, :, places]))
-        # A joint that keeps its own position keeps the reversals, whatever smooths them; a column has any scale.
-        alone = (scale != 0.0) & (np.count_nonzero(position, axis=1) == 1)
-        w[np.ix_(alone, np.ones(w.shape[1], bool), places)] = (
-            np.sign(scale[alone])[:, None, None] * exact[alone]
-        )
+        if not near:
+            # A joint that keeps its own position in another unit keeps the reversals; a column has any scale.
+            alone = (scale != 0.0) & (np.count_nonzero(position, axis=1) == 1)
+            own = np.ix_(alone, np.ones(w.shape[1], dtype=bool), places)
+            w[own] = np.sign(scale[alone])[:, None, None] * exact[alone]
         return w
 
 

@@ -29,15 +29,14 @@ from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.units import ESTIMATE
 from ..robot.robot import Robot
-from ..robot.robot_file import PACKAGED, load_robot
+from ..robot.robot_file import PACKAGED, check_closed, load_robot
 from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
-from .draft_filters import MOTOR_BETTER, Filters, choose_filters, error_sentence, motor_ratio, sentence_of
+from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
-from .loop_tables import of_actuators
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
@@ -86,7 +85,7 @@ def initialise(  # many parameters: one per option of `didim init`
     topic : str, optional
         Topic of a ROS bag.
     chain : mapping, optional
-        `tip`, `base` and `lock` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
+        `tip`, `base`, `lock` and `open` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
         joints the log names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
@@ -118,9 +117,7 @@ def initialise(  # many parameters: one per option of `didim init`
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
-    if own_file:  # a robot file of ours has no actuators, so the experiment file has their gains
-        of_robot = {key: gain for key, gain in of_actuators(model).items() if key != "saturation"}
-        model, servo = replace(model, actuators=()), {**of_robot, **(servo or {})}
+    check_closed(model)
     options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     _check_options(model, options)
     check_output(path)
@@ -132,25 +129,10 @@ def initialise(  # many parameters: one per option of `didim init`
                 f"{robot_path}: another robot is there already; --force overwrites it, -o writes another"
             )
     beside, alone = path.parent, len(paths) == 1
-    sources = [
-        open_log(log, beside, model, values_per_sample=values_per_sample, topic=topic, alone=alone)
-        for log in paths
-    ]
-    whole = whole_samples(sources, model)
-    sources = [
-        open_log(source.path, beside, model, values_per_sample=whole[source.path], alone=False)
-        if source.path in whole
-        else source
-        for source in sources
-    ]
+    draft = Draft(notes=model.notes)
+    sources = _opened(paths, beside, model, values_per_sample, topic, draft)
     for kind, text in (columns or {}).items():
         choose_columns(sources, kind, text)
-    draft = Draft(notes=model.notes)
-    if whole:
-        names = series(path.name for path in whole)
-        draft.read.append(
-            f"{names}: one value a line, taken for {counted(model.n_dof, 'value')} a sample (--values-per-sample)"
-        )
     tables = _tables(model, sources, options, path, draft)
     name = (paths[0] if alone else path).stem
     head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name)
@@ -162,6 +144,31 @@ def initialise(  # many parameters: one per option of `didim init`
         write(robot_path, own_file)
     write(path, draft.text)
     return path, draft
+
+
+def _opened(
+    logs: Sequence[Path],
+    beside: Path,
+    robot: Robot,
+    values_per_sample: int | None,
+    topic: str | None,
+    draft: Draft,
+) -> list[LogSource]:
+    """Open all files; those with one value a line that hold all joints are opened as such."""
+    alone = len(logs) == 1
+    sources = [
+        open_log(log, beside, robot, values_per_sample=values_per_sample, topic=topic, alone=alone)
+        for log in logs
+    ]
+    whole = whole_samples(sources, robot)
+    for k, source in enumerate(sources):
+        if source.path in whole:
+            count = whole[source.path]
+            sources[k] = open_log(source.path, beside, robot, values_per_sample=count, alone=False)
+    if whole:
+        names = series(path.name for path in whole)
+        draft.read.append(f"{names}: taken for {robot.n_dof} values a sample (--values-per-sample)")
+    return sources
 
 
 def _tables(
@@ -223,7 +230,7 @@ def _motors_or_degrees(
         for side in sides:
             motor = written(replace(options, sides={**options.sides, **motors, "torque": side}))
             error = None if motor.filters is None else motor.filters.error
-            if error is not None and error < MOTOR_BETTER * before:
+            if error is not None and error < before:  # no number was fitted to say so
                 motor.draft.read.append(f"positions are those of the motors: {as_degrees}")
                 return motor
     ratio = motor_ratio(robot, degrees.recordings, degrees.filters.signal, before)  # type: ignore[union-attr]

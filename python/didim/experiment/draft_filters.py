@@ -54,6 +54,8 @@ USUAL_ERROR = 0.2
 
 REST_S = 0.5
 """Shortest rest (s) before or after the motion that is cut off."""
+SHORT = 0.1
+"""Share of the stretch of motion beside it below which the first or last one is an approach or a way home."""
 AT_REST = 0.02
 """Share of the largest speed below which the arm is at rest."""
 
@@ -252,16 +254,14 @@ def error_sentence(error: float, name: str) -> str:
     text = f"relative error of the fit (idim-ls): {percent_text(100.0 * error)} %"
     if error <= USUAL_ERROR:
         return text
-    return (
-        f"{text}, which is not usual: logs of arms that are read rightly leave less than {100.0 * USUAL_ERROR:.0f} %; "
-        f"`didim check {name}` looks for a wrong unit, side, order or robot"
-    )
+    return f"{text}, which is not usual (below {100.0 * USUAL_ERROR:.0f} %): `didim check {name}` looks for the cause"
 
 
 def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:
     """Return begin and end (s) of all motion, to tenths of a second inside it, or None if the arm rests neither before nor after.
 
-    Rests between motions stay: whether a step or a wave follows one, it is part of the log.
+    Rests between motions stay: whether a step or a wave follows one, it is part of the log. The approach to the start of a long
+    motion and the way home after it are left out.
 
     Parameters
     ----------
@@ -278,13 +278,25 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
     speed = np.abs(q[span:] - q[:-span])
     scale = speed.max(axis=0)
     moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
-    places = np.flatnonzero(moving)
-    if not places.size:
+    first, last = _motion(np.flatnonzero(moving), round(REST_S * rate_hz))
+    if last < 0:
         return None
-    start, stop = float(times[places[0]]), float(times[min(places[-1] + span, len(times) - 1)])
+    start, stop = float(times[first]), float(times[min(last + span, len(times) - 1)])
     before, after = start, float(times[-1]) - stop
     if max(before, after) < REST_S:
         return None
     start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
     stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
     return start, stop
+
+
+def _motion(places: NDArray[np.intp], rest: int) -> tuple[int, int]:
+    """Return the first and last sample of the motion, (0, -1) without any; steps beside steps are no approach."""
+    if not places.size:
+        return 0, -1
+    breaks = np.flatnonzero(np.diff(places) > rest)
+    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
+    lengths = stops - starts
+    approach = len(lengths) > 1 and lengths[0] < SHORT * lengths[1]
+    home = len(lengths) > 1 and lengths[-1] < SHORT * lengths[-2]
+    return int(starts[int(approach)]), int(stops[-1 - int(home)])

@@ -279,7 +279,9 @@ class RecordingWriter:
         self._tell(
             f"the arm moves from {start:g} s to {stop:g} s; the samples before and after are left out (windows_s)"
         )
-        return [f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests"]
+        return [
+            f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"
+        ]
 
     def _missing(self, table: str) -> list[str]:
         """Return commented lines of a table whose columns are unknown, and ask for them."""
@@ -289,7 +291,7 @@ class RecordingWriter:
         option = f"--columns {table}=...{' (or current)' if torque else ''}, "
         blocks = self._open_blocks() or self._other_count(table)
         if not self.source.named and len(self.source.columns) == 1:
-            blocks = "; if the file has the values of all joints line by line, --values-per-sample says how many make a sample"
+            blocks = " (or --values-per-sample N?)"
         if self.source.joints:
             known = series(self.source.joints, 60)
             self._ask(

@@ -22,6 +22,7 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
+from ..robot.robot_file import check_closed
 from .friction import with_known_friction
 from .job import MeasuredRows
 from .measured import law_along, measured_along
@@ -165,6 +166,7 @@ def default_method(experiment: Experiment) -> str:
 
 def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
     """Choose open friction terms, run the method, and judge the result."""
+    check_closed(experiment.robot)
     experiment, friction = with_known_friction(method, experiment, reporter.say)
     along: list[MeasuredRows] = []
     fit = method.run(experiment, replace(reporter, measured=along.append))

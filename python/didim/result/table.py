@@ -80,7 +80,7 @@ class Estimates(NamedTuple):
 
 
 SOURCES = {"estimated": "log", "fixed": "file", "dropped": "none"}
-"""Where the value of a role comes from."""
+"""Sources of the values of the roles."""
 
 
 @dataclass(frozen=True)

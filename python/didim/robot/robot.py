@@ -142,18 +142,14 @@ class Geometry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Pickled):
-    """A robot with a fixed base: a chain or a tree. Made by `load_robot`.
-
-    Tested in ``tests/test_robot.py``.
+    """A robot with a fixed base: a chain or a tree (``tests/test_robot.py``).
 
     Attributes
     ----------
     name, description : str
         Name and description in the file.
-    path : Path
-        The file.
-    digest : str
-        SHA-256 of the file.
+    path, digest : Path, str
+        The file, and its SHA-256.
     geometry : Geometry
         Frames, gravity and coupling.
     friction : Friction
@@ -176,10 +172,12 @@ class Robot(Pickled):
         Sentences on changes made while reading the file, such as snapped right angles.
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
+    cut : tuple of str
+        Closed loops of an MJCF that the tree does not have, which a fit refuses; empty with ``open``.
     origins : mapping of str to Origin
         Logs that parameter sets were identified from, by the name of the set.
     softness : tuple of (float, float)
-        Creep and rest (s) of the driven joints' friction losses in an MJCF, `didim.robot.transmission.softness`; else empty.
+        Creep and rest (s) of the joints' friction losses, `didim.robot.transmission.softness`; empty for MuJoCo's defaults.
     """
 
     name: str
@@ -198,12 +196,14 @@ class Robot(Pickled):
     notes: tuple[str, ...] = ()
     actuators: tuple[Actuator | None, ...] = ()
     softness: tuple[tuple[float, float], ...] = ()
+    cut: tuple[str, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 
     def __repr__(self) -> str:
-        joints = counted(self.n_dof, "joint")
+        still = len(self.correspondence.lock) if self.correspondence is not None else 0
+        joints = counted(self.n_dof, "joint") + (f" and {still} locked" if still else "")
         return f"<Robot {self.name!r}: {joints}, {len(self.parameter_names)} standard parameters>"
 
     def _repr_html_(self) -> str:

@@ -20,13 +20,13 @@ from .._tools.words import did_you_mean, series
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
 from .correspondence import read_correspondence, read_origins
-from .friction import read_friction, read_springs
+from .friction import Friction, read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
 from .right_angles import SNAP, RightAngles
 from .robot import LIMIT_KEYS, MOST_JOINTS, Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
-from .transmission import read_followers, reduction_matrix
+from .transmission import SOFTNESS, Actuator, read_followers, reduction_matrix
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
 """Folder of the included robots."""
@@ -40,6 +40,7 @@ def load_robot(
     lock: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
     snap: float | None = None,
+    open: bool = False,
 ) -> Robot:
     """Load a robot.
 
@@ -49,8 +50,9 @@ def load_robot(
         Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` lists all), path of a robot file, of a URDF
         or of an MJCF (``.xml``).
     tip, base : str, optional
-        Last and first link of the chain of a URDF. By default the chain from the root to the end of the only moving path, or
-        the whole tree if several branches have three joints or more. ``tip=""`` always takes the whole tree.
+        Last and first link of the chain of a URDF. By default the whole tree, but without the gripper of an arm: a chain of
+        three joints or more whose branches all have fewer ends before them, and `notes` names what is locked. ``tip=""``
+        always takes the whole tree.
     lock : mapping of str to float, optional
         Joints of a URDF to be locked, with their position (rad or m).
     gravity : sequence of 3 float, optional
@@ -58,6 +60,8 @@ def load_robot(
     snap : float, optional
         Largest angle (rad) by which rounded right angles are snapped, 0 for none; by default ``snap_rad`` of the file, or
         1e-4. An explicit value suppresses the warning.
+    open : bool
+        Whether closed loops of an MJCF are cut on purpose. Without it they are cut too, and a fit refuses the robot.
 
     Returns
     -------
@@ -79,11 +83,17 @@ def load_robot(
         from .urdf.reading import read_urdf
 
         limit = SNAP if snap is None else snap
-        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=limit)
+        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=limit, open=open)
         if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot
-    for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity)):
+    for option, value in (
+        ("tip", tip),
+        ("base", base),
+        ("lock", lock),
+        ("gravity", gravity),
+        ("open", open or None),
+    ):
         if value is not None:
             raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
@@ -130,6 +140,14 @@ def read_robot(
     return robot
 
 
+def check_closed(robot: Robot) -> None:
+    """Refuse a robot whose closed loops were cut without consent (``tests/test_mjcf.py``)."""
+    if robot.cut:
+        raise RobotError(
+            f"{robot.path.name}: it has closed loops, and a tree has none: {series(robot.cut, 60)}; --open (open=True) cuts them"
+        )
+
+
 def packaged_robots() -> dict[str, Robot]:
     """Return the included robots by name (``tests/test_packaged_robots.py``)."""
     return {file.stem: load_robot(file.stem) for file in sorted(PACKAGED.glob("*.toml"))}
@@ -157,20 +175,18 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
+    actuators, softness = _drives(joints[: len(joints) - len(couplings)], kinds)
     followers = read_followers(couplings, kinds, joint_names)
     if followers and convention == "dh":
         couplings[0].fail("joints that follow others are for modified rows, and this table is a standard one")
     for joint in joints:
         joint.done()
     alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
-    standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
-    if standard is not None:
+    if (standard := StandardTable(a=d, alpha=alpha) if convention == "dh" else None) is not None:
         alpha, d = standard.rows
     n = len(kinds) - len(followers)
     coupling, reduction, gains = _transmission(table.part("transmission"), n)
-    friction = read_friction(table.part("friction"), kinds[:n], None)
-    if table.has("springs"):
-        friction = read_springs(table.table("springs"), kinds[:n], friction)
+    friction = _friction(table, kinds[:n])
     named, own = _parameter_sets(table.part("parameters"), standard)
     robot = Robot(
         name=table.text("name", path.stem),
@@ -197,12 +213,20 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         collision=read_capsules(table.tables("collision", []), len(kinds)),
         standard=standard,
         notes=tuple(angles.notes(path.name)),
+        actuators=actuators,
+        softness=softness,
+        cut=tuple(table.texts("cut")),
         origins=read_origins(table.part("identified")),
         _named=named,
         _own=own,
     )
     table.done()
     return robot
+
+
+def _friction(table: Table, kinds: tuple[str, ...]) -> Friction:
+    friction = read_friction(table.part("friction"), kinds, None)
+    return read_springs(table.table("springs"), kinds, friction) if table.has("springs") else friction
 
 
 def _transmission(
@@ -318,6 +342,26 @@ def _limits(joint: Table, kind: str) -> JointLimits:
     return JointLimits(
         position=None if position is None else (position[0], position[1]), velocity=velocity, effort=effort
     )
+
+
+def _drives(
+    joints: Sequence[Table], kinds: Sequence[str]
+) -> tuple[tuple[Actuator | None, ...], tuple[tuple[float, float], ...]]:
+    """Return actuators of driven joints and the softness of their friction; nothing where no joint has any."""
+    actuators: list[Actuator | None] = []
+    softness = []
+    for joint, kind in zip(joints, kinds, strict=False):
+        table = joint.part("actuator")
+        kp, kv, effort = (table.number(key, None) for key in ("kp", "kv", LIMIT_KEYS[kind][2]))
+        actuator = Actuator(kp=kp, kv=kv, effort=effort, lag_s=table.number("lag_s"))
+        table.done()
+        actuators.append(actuator if joint.has("actuator") else None)
+        creep, rest = joint.numbers("softness_s", length=2, default=SOFTNESS)
+        if not (creep > 0.0 and rest > 0.0):
+            joint.fail(f"softness_s must be two positive times, got {[creep, rest]}")
+        softness.append((creep, rest))
+    soft = any(joint.has("softness_s") for joint in joints)
+    return tuple(actuators) if any(actuators) else (), tuple(softness) if soft else ()
 
 
 def _parameter_sets(

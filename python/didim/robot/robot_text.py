@@ -25,7 +25,7 @@ from .friction import (
 from .placement import Mount
 from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
 from .robot import LIMIT_KEYS, JointLimits, Robot
-from .transmission import followers_text
+from .transmission import SOFTNESS, followers_text
 
 
 def robot_text(robot: Robot) -> str:
@@ -44,6 +44,8 @@ def robot_text(robot: Robot) -> str:
         f'convention = "{"mdh" if robot.standard is None else "dh"}"',
         f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
     ]
+    if robot.cut:
+        lines.append(f"cut = {quoted(list(robot.cut))} # closed loops that this tree does not have")
     if _snaps(robot):
         lines.append("snap_rad = 0.0 # angles are kept as they are")
     geometry = robot.geometry
@@ -72,6 +74,7 @@ def robot_text(robot: Robot) -> str:
         limits = _limits(robot.limits[j], kind) if j < robot.n_dof else []
         if limits:
             lines.append(f"limits = {{ {', '.join(limits)} }}")
+        lines += _drive(robot, j, kind)
     lines += followers_text(geometry.followers, geometry.kinds) + _transmission(robot) + _friction(robot)
     for capsule in robot.collision:
         lines += [
@@ -205,6 +208,20 @@ def _further_friction(robot: Robot) -> list[str]:
     if reference:
         values = [reference.get(joint, REFERENCE_DEGC) for joint in range(robot.n_dof)]
         lines.append(f"reference_degc = {_numbers(values)}")
+    return lines
+
+
+def _drive(robot: Robot, joint: int, kind: str) -> list[str]:
+    """Return the lines of a joint's actuator and of the softness of its friction."""
+    lines = []
+    actuator = robot.actuators[joint] if joint < len(robot.actuators) else None
+    if actuator is not None:
+        values = {"kp": actuator.kp, "kv": actuator.kv, LIMIT_KEYS[kind][2]: actuator.effort}
+        values["lag_s"] = actuator.lag_s or None
+        own = [f"{key} = {_number(value)}" for key, value in values.items() if value is not None]
+        lines.append(f"actuator = {{ {', '.join(own)} }}" if own else "actuator = {}")
+    if joint < len(robot.softness) and robot.softness[joint] != SOFTNESS:
+        lines.append(f"softness_s = {_numbers(robot.softness[joint])}")
     return lines
 
 

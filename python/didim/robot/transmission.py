@@ -26,9 +26,9 @@ class Actuator:
     Attributes
     ----------
     kp : float or None
-        Gain on the position error (N.m/rad or N/m); None where the actuator takes torques.
+        Gain on the position error (N.m/rad or N/m); None where the actuator takes torques or velocities.
     kv : float or None
-        Gain on the velocity (N.m.s/rad or N.s/m); None where the actuator takes torques, or where the file has a damping ratio.
+        Gain on the velocity (N.m.s/rad or N.s/m); None where the actuator takes torques.
     effort : float or None
         Largest torque or force (N.m or N); None without a limit.
     lag_s : float

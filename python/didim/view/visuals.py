@@ -15,7 +15,8 @@ from ..errors import RobotError
 from ..model.kinematics import frames
 from ..robot.rigid_body import inverse
 from ..robot.robot import Robot
-from ..robot.urdf.description import Description, frame_of, read_description
+from ..robot.urdf.description import frame_of, read_description
+from ..robot.urdf.mechanism import Description
 from ..robot.urdf.xml_spans import Element, parse_xml
 from .shapes import Colour, Shape
 

@@ -70,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
         lock=still,
         gravity=options.gravity,
         snap=SNAP if options.snap is None else options.snap,
+        open=options.open,
     )
     if reading.suspicion is not None and options.snap is None:
         message(reading.suspicion, "warning")
@@ -84,8 +85,8 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
     """Print rows and frames of a robot that is not a URDF."""
     from ...robot.robot_file import PACKAGED, load_robot
 
-    for name in ("tip", "base", "gravity", "lock"):
-        if getattr(options, name) not in (None, []):
+    for name in ("tip", "base", "gravity", "lock", "open"):
+        if getattr(options, name) not in (None, [], False):
             return refuse(f"--{name} is for a URDF, and {options.robot} is not one")
     robot = load_robot(options.robot, snap=options.snap)
     saved = Saved()

@@ -36,7 +36,7 @@ def _side(j: tuple[int, ...], v: Any, f: Any) -> str:
         if "unit" in f
         else ""
     )
-    return f"the {keys} look as if they were those of the {f['side']}s{more}, not of the {f['declared']}s"
+    return f"the {keys} look like those of the {f['side']}s{more}, not of the {f['declared']}s"
 
 
 def _side_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
@@ -65,7 +65,7 @@ def _unit_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
 
 def _reversed(j: tuple[int, ...], v: Any, f: Any) -> str:
     keys = " and ".join(f"{key}s" for key in f["keys"])
-    return f"the {keys} look as if their columns were in reversed order, the last joint first"
+    return f"the {keys} look reversed, the last joint first"
 
 
 def _reversed_edit(j: tuple[int, ...], v: Any, f: Any) -> str:

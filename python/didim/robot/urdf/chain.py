@@ -1,8 +1,8 @@
 """The chain or tree of a URDF that becomes the robot, and the links that move with each of its joints.
 
-Without a ``tip`` the chain follows, from the base on, the only child with moving joints. It ends at a branching, such as the
-fingers of a gripper; if one of the branches is an arm, the robot is the whole tree. Links behind fixed joints belong to the
-moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
+Without a ``tip`` the chain follows, from the base on, the only child with moving joints. If it is an arm and branches into
+something shorter, the fingers of a gripper, it ends there; else the robot is the whole tree. Links behind fixed joints belong to
+the moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
 spherical joints are fixed at zero. A joint that mimics another follows it, and is locked if that one is.
 Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py`` and ``tests/test_couplings.py``.
 """
@@ -19,13 +19,13 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
 from ..robot import MOST_JOINTS
-from .description import MOVING, Description, Inertial, UrdfJoint
+from .mechanism import MOVING, Description, Inertial, UrdfJoint
 
 WHOLE = ""
 """Value of ``tip`` for the whole tree."""
 
 ARM = 3
-"""Smallest number of joints of a branch that counts as an arm, not as a finger."""
+"""Smallest number of joints of a chain that counts as an arm: what branches off is a gripper if it is shorter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ def choose_chain(
     base : str, optional
         First link, the root by default.
     tip : str, optional
-        Last link; by default the end of the only moving path, or `WHOLE` if several branches are arms.
+        Last link; by default the end of an arm with a gripper, or else `WHOLE` for a tree.
     lock : mapping of str to float, optional
         Positions (rad or m) of joints to be locked; joints outside the chain are locked at zero by default.
 
@@ -249,13 +249,13 @@ def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
 
 
 def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
-    """Return the last link of the only moving path from the base; `WHOLE` if several branches are arms."""
+    """Return the last link of the only moving path from the base, or of the arm before its gripper; `WHOLE` for other trees."""
     reach = _reach(description, lock)
     link = base
     seen = 0
     while True:
         moving = [joint for joint in description.outgoing.get(link, ()) if reach[joint.child]]
-        if len(moving) > 1 and (not seen or any(reach[joint.child] >= ARM for joint in moving)):
+        if len(moving) > 1 and (seen < ARM or any(reach[joint.child] >= ARM for joint in moving)):
             return WHOLE
         if len(moving) != 1:
             return link

@@ -6,9 +6,7 @@ Tested in ``tests/test_urdf.py``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,17 +14,10 @@ from ..._tools.arrays import Array
 from ..._tools.words import series
 from ...errors import RobotError
 from ..payload import LARGEST
-from ..rigid_body import body_pseudo_inertia, pose, rotation_of, turn
+from ..rigid_body import pose, rotation_of
 from ..robot import JointLimits
-from ..transmission import SOFTNESS, Actuator
+from .mechanism import MOVING, Description, Inertial, UrdfJoint
 from .xml_spans import Element, parse_xml
-
-MOVING = ("revolute", "continuous", "prismatic")
-"""Types of joints with one degree of freedom."""
-
-GRAVITY = (0.0, 0.0, -9.81)
-"""Gravity in the root link of a URDF (m/s^2)."""
-
 
 KNOWN = (
     *MOVING,
@@ -45,158 +36,11 @@ KNOWN = (
 NOT_FINITE = ("nan", "inf", "infinity", "-nan(ind)", "nan(ind)", "1.#qnan", "1.#inf")
 """Spellings of nan and infinity by various programs (lower case, without sign)."""
 
+IMPLICIT = "world"
+"""Link that a joint may stand on without its element, as parsers of Gazebo and MuJoCo allow."""
+
 EXPANDED = ("xacro:property", "xacro:arg")
 """Xacro elements that an expanded file may still contain, and that define neither links nor joints."""
-
-
-@dataclass(frozen=True, eq=False)
-class Inertial:
-    """The ``<inertial>`` of a link.
-
-    Attributes
-    ----------
-    mass : float
-        Mass (kg).
-    frame : (4, 4) array
-        Pose of the inertial frame, at the centre of mass, in the link's frame.
-    inertia : (3, 3) array
-        Inertia about the centre of mass in the inertial frame (kg.m^2).
-    """
-
-    mass: float
-    frame: Array
-    inertia: Array
-
-    @property
-    def pseudo(self) -> Array:
-        """Pseudo-inertia (4, 4) in the link's frame."""
-        return body_pseudo_inertia(self.mass, self.inertia, self.frame)
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfJoint:
-    """A joint of a URDF.
-
-    Attributes
-    ----------
-    name, kind, parent, child : str
-        As the file has them.
-    origin : (4, 4) array
-        Pose of the child link's frame in the parent link's, at position zero.
-    axis : (3,) array
-        Unit vector in the child link's frame.
-    limits : JointLimits
-        Limits; None where the file has none, or a zero in its place.
-    damping, friction : float
-        Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
-    mimic : str or None
-        Name of its leader; an empty name for a locked joint.
-    multiplier, offset : float
-        The position is the multiplier times that of the leader, plus the offset (rad or m).
-    armature : float
-        Rotor inertia (kg.m^2 or kg), only in an MJCF.
-    stiffness, rest : float
-        Spring of the joint (N.m/rad or N/m), and its position (rad or m) without a torque, only in an MJCF.
-    zero : float
-        Position (rad or m) at which an MJCF draws the joint.
-    actuator : Actuator or None
-        Gains and limit of the joint's drive, only in an MJCF.
-    softness : (float, float)
-        Creep and rest (s) of its friction loss, `didim.robot.transmission.softness`.
-    """
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Array
-    axis: Array
-    limits: JointLimits = field(default_factory=JointLimits)
-    damping: float = 0.0
-    friction: float = 0.0
-    mimic: str | None = None
-    multiplier: float = 1.0
-    offset: float = 0.0
-    armature: float = 0.0
-    stiffness: float = 0.0
-    rest: float = 0.0
-    zero: float = 0.0
-    actuator: Actuator | None = None
-    softness: tuple[float, float] = SOFTNESS
-
-    @property
-    def moves(self) -> bool:
-        """Whether its type has a degree of freedom, driven or coupled."""
-        return self.kind != "fixed"
-
-    def motion(self, position: float) -> Array:
-        """Return the motion of its child (4, 4) to a position (rad or m); types without one coordinate stay."""
-        if self.kind == "prismatic":
-            return pose(np.eye(3), position * self.axis)
-        return pose(turn(self.axis, position)) if self.kind in MOVING else np.eye(4)
-
-
-@dataclass(frozen=True, eq=False)
-class Description:
-    """A URDF: a tree of links.
-
-    Attributes
-    ----------
-    where : str
-        Name of the file, which opens messages.
-    name : str
-        Name of the robot.
-    links : mapping of str to Inertial or None
-        Inertia by name of the link.
-    joints : mapping of str to UrdfJoint
-        Joint by the name of its child link.
-    root : str
-        The link without a parent.
-    gravity : tuple of float
-        Acceleration of gravity in the root (m/s^2): a URDF has its z axis point up.
-    notes : tuple of str
-        Sentences on ignored parts of the file.
-    """
-
-    where: str
-    name: str
-    links: Mapping[str, Inertial | None]
-    joints: Mapping[str, UrdfJoint]
-    root: str
-    gravity: tuple[float, ...] = GRAVITY
-    notes: tuple[str, ...] = ()
-
-    @cached_property
-    def outgoing(self) -> Mapping[str, tuple[UrdfJoint, ...]]:
-        """Joints by the name of their parent link, in the order of the file."""
-        outgoing: dict[str, tuple[UrdfJoint, ...]] = {}
-        for joint in self.joints.values():
-            outgoing[joint.parent] = (*outgoing.get(joint.parent, ()), joint)
-        return outgoing
-
-    @cached_property
-    def order(self) -> tuple[str, ...]:
-        """Links of the root's tree, each after its parent; then those of other roots."""
-        others = [link for link in self.links if link not in self.joints and link != self.root]
-        return tuple(self.carried(self.root, *others))
-
-    def carried(self, *links: str) -> list[str]:
-        """Return links and their descendants, each after its parent."""
-        links_carried = list(links)
-        for link in links_carried:  # which grows meanwhile
-            links_carried += [joint.child for joint in self.outgoing.get(link, ())]
-        return links_carried
-
-    def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
-        """Return the joints from a link to a descendant, or None if it is not one."""
-        joints = []
-        link = tip
-        while link != base:
-            if link not in self.joints:
-                return None
-            joints.append(self.joints[link])
-            link = joints[-1].parent
-        return joints[::-1]
 
 
 def read_description(data: bytes, where: str) -> Description:
@@ -224,10 +68,23 @@ def read_description(data: bytes, where: str) -> Description:
         for child in outermost.children
         if child.tag.startswith("xacro:") and child.tag not in EXPANDED
     ]
-    if macros:
+    if not macros:
+        return _tree(outermost, where)
+    try:
+        description = _tree(outermost, where)
+    except RobotError:
+        description = None
+    complete = description is not None and len(description.links) == len(description.joints) + 1
+    if description is None or not complete or not any(j.kind in MOVING for j in description.joints.values()):
         raise RobotError(
             f"{where}: it has xacro macros ({macros[0]}); expand it first: xacro {where} > arm.urdf"
         )
+    note = f"xacro macros that were not expanded are left out: {series(dict.fromkeys(macros), 60)}"
+    return replace(description, notes=(*description.notes, note))
+
+
+def _tree(outermost: Element, where: str) -> Description:
+    """Read links and joints."""
     links: dict[str, Inertial | None] = {}
     notes: list[str] = []
     for element in outermost.all("link"):
@@ -243,6 +100,8 @@ def read_description(data: bytes, where: str) -> Description:
     names: set[str] = set()
     for element in outermost.all("joint"):
         joint = _joint(element, where)
+        if joint.parent == IMPLICIT:
+            links.setdefault(IMPLICIT, None)
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise RobotError(f"{where}: joint {joint.name!r}: there is no link {end!r}")

@@ -6,16 +6,40 @@ Tested in ``tests/test_export_drives.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..transmission import Actuator
-from .actuators import Setting, actuator_settings, read_actuators
-from .description import UrdfJoint
-from .mjcf import walked
-from .mjcf_sections import merged
-from .xml_spans import Element
+from .mechanism import UrdfJoint
+from .mjcf import Reader
+from .mjcf_compiler import compile_mjcf
+from .xml_spans import Element, parse_xml
+
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
+"""MuJoCo's integrators, in their order."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """An actuator of an MJCF as MuJoCo compiles it.
+
+    Attributes
+    ----------
+    tag : str
+        Its element.
+    gear : float
+        Size of the gear ratio.
+    is_position : bool
+        Whether the force is a gain times the position error plus damping.
+    ratio : bool
+        Whether the file has a damping ratio, from which MuJoCo computes the velocity gain.
+    """
+
+    tag: str
+    gear: float
+    is_position: bool
+    ratio: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +53,7 @@ class DriveElements:
     elements : mapping of str to Element
         Element of the joint; joints of included files have none.
     settings : mapping of str to (Element, Setting)
-        Element and setting of the joint's actuator; those of included files are missing.
+        Element and setting of the joint's last actuator; those of included files are missing.
     actuators : mapping of str to Actuator
         Gains and limit of the actuator, joint side.
     degrees : bool
@@ -65,18 +89,61 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
     RobotError
         As for `load_robot`.
     """
-    outermost, sections, reader = walked(data, path)
-    inside = [outermost]
-    for element in inside:  # which grows meanwhile
-        inside += element.children
-    own = set(map(id, inside))
-    settings = actuator_settings(sections, path.name)
-    actuators, _ = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, path.name)
+    outermost = parse_xml(data, path.name)
+    reader = Reader(compile_mjcf(outermost, path), path.name)
+    description = reader.description()
+    joints = {joint.name: joint for joint in description.joints.values() if joint.moves}
     return DriveElements(
-        joints={joint.name: joint for joint in reader.joints.values() if joint.moves},
-        elements={name: element for name, element in reader.elements.items() if id(element) in own},
-        settings={name: setting for name, setting in settings.items() if id(setting[0]) in own},
-        actuators=actuators,
-        degrees=reader.compiler.degrees,
-        integrator=merged(sections, "option").get("integrator", "Euler"),
+        joints=joints,
+        elements={name: element for name, element in _joint_elements(outermost) if name in joints},
+        settings=dict(_settings(outermost, reader)),
+        actuators={name: joint.actuator for name, joint in joints.items() if joint.actuator},
+        degrees=reader.compiled.degrees,
+        integrator=INTEGRATORS[int(reader.model.opt.integrator)],
     )
+
+
+def _settings(outermost: Element, reader: Reader) -> Iterator[tuple[str, tuple[Element, Setting]]]:
+    """Return joint, element and setting of the actuators in a file."""
+    model = reader.model
+    own: dict[str, list[int]] = {}
+    for k in range(len(model.actuator_trntype)):
+        arms = reader.moments(k)
+        if arms is not None and not reader.on_tendon(k):
+            own.setdefault(next(iter(arms)), []).append(k)
+    for element in [child for section in outermost.all("actuator") for child in section.children]:
+        joint = element.attributes.get("joint") or element.attributes.get("jointinparent", "")
+        if joint in own:
+            k = own[joint][-1]
+            gains = reader.gains(k)
+            yield (
+                joint,
+                (
+                    element,
+                    Setting(
+                        tag=element.tag,
+                        gear=abs(float(model.actuator_gear[k, 0])),
+                        is_position=len(own[joint]) == 1 and gains is not None and gains[0] > 0.0,
+                        ratio=k in reader.compiled.ratios,
+                    ),
+                ),
+            )
+
+
+def _joint_elements(parent: Element) -> Iterator[tuple[str, Element]]:
+    """Return name and element of the joints of all bodies inside an element."""
+    for element in parent.children:
+        if element.tag == "body":
+            own = list(_own_joints(element))
+            for number, joint in enumerate(own, start=1):
+                made_up = f"{element.attributes.get('name', '')}_joint{'' if len(own) == 1 else number}"
+                yield joint.attributes.get("name") or made_up, joint
+        yield from _joint_elements(element)
+
+
+def _own_joints(body: Element) -> Iterator[Element]:
+    for element in body.children:
+        if element.tag in ("joint", "freejoint"):
+            yield element
+        elif element.tag == "frame":
+            yield from _own_joints(element)

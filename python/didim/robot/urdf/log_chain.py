@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from .description import MOVING, read_description
+from .description import read_description
+from .mechanism import MOVING
 
 
 def chain_of_names(path: Path, names: Sequence[str]) -> tuple[str, list[str]] | None:

@@ -1,387 +1,449 @@
-"""Content of an MJCF as the description of a URDF: bodies with inertia; joints with axis, limits, rotor, friction and spring.
+"""An MJCF, as MuJoCo compiles it, as the description of a URDF: bodies, joints, drives, ties and tendons.
 
-Defaults and classes, the compiler's angles and ``include`` are resolved here. A body with several joints becomes several links,
-the last of which has the inertia; free and ball joints are fixed, and so are joints nailed down by their damping. Inertias that
-MuJoCo computes from meshes are not supported.
+A body with several joints becomes several links, the last of which has the inertia; free and ball joints are fixed, and so are
+joints nailed down by their damping. What the model has and a robot has not is named in the notes.
 Tested in ``tests/test_mjcf.py`` against MuJoCo.
 """
 
 from __future__ import annotations
 
-import math
-import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.inputs import read_small_file
-from ..._tools.words import brief, counted, series
+from ..._tools.words import series
 from ...errors import RobotError
 from ..payload import LARGEST
-from ..rigid_body import central, pose, skew, turn
+from ..rigid_body import pose
 from ..robot import JointLimits
-from ..transmission import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S, softness
-from .actuators import read_actuators
-from .description import GRAVITY, Description, Inertial, UrdfJoint
-from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied, world_notes
-from .solids import along, direction_of, solid_inertial
-from .xml_spans import Element, parse_xml
+from ..transmission import TIME_CONSTANT_S, Actuator, softness
+from .mechanism import MOVING, Description, Inertial, Loop, Tendon, UrdfJoint
+from .mjcf_compiler import Compiled, compile_mjcf
+from .xml_spans import Element
 
 WORLD = "world"
 """Name of MuJoCo's outermost body."""
 
-KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
-"""URDF name of each MJCF joint type."""
+KINDS = ("floating", "spherical", "prismatic", "revolute")
+"""URDF name of each of MuJoCo's types of joints, in their order."""
 
 LEAST_IMPEDANCE = 1e-4
 """Distance of MuJoCo's impedances from 0 and 1."""
-UNREAD = ("replicate", "composite", "flexcomp", "attach")
-"""Elements that generate bodies and are not supported by this reader."""
+
+SAME = 1e-9
+"""Largest difference of gain and bias, as a share of the gain, at which an actuator has one gain on the position error."""
 
 
-@dataclass
+def read_mjcf(outermost: Element, path: Path) -> Description:
+    """Read an MJCF.
+
+    Parameters
+    ----------
+    outermost : Element
+        Content of the file.
+    path : Path
+        The file, whose name opens each message; included files and meshes are relative to its folder.
+
+    Raises
+    ------
+    RobotError
+        As for `compile_mjcf`, for a file without bodies, and for numbers beyond all robots.
+    """
+    try:
+        return Reader(compile_mjcf(outermost, path), path.name).description()
+    except UnicodeDecodeError:
+        raise RobotError(f"{path.name}: its names are neither ASCII nor UTF-8; save it as UTF-8") from None
+
+
+@dataclass(eq=False)
 class Reader:
-    """The bodies of a file, collected link by link."""
+    """The compiled model, read body by body."""
 
+    compiled: Compiled
     where: str
-    compiler: Compiler
-    defaults: Defaults
-    links: dict[str, Inertial | None] = field(default_factory=dict)
+    links: dict[str, Inertial | None] = field(default_factory=lambda: {WORLD: None})
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
-    meshes: list[str] = field(default_factory=list)
-    curved: list[str] = field(default_factory=list)
-    own_limits: dict[str, float] = field(default_factory=dict)
-    elements: dict[str, Element] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
+    children: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    unlike: list[str] = field(default_factory=list)
 
-    def angle(self, value: float) -> float:
-        """Angle of the file in rad."""
-        return math.radians(value) if self.compiler.degrees else value
+    @property
+    def model(self) -> Any:
+        """MuJoCo's model."""
+        return self.compiled.model
 
-    def attributes(self, element: Element, childclass: str) -> dict[str, str]:
-        """Return the attributes of an element; its own override those of its class."""
-        name = element.attributes.get("class", childclass)
-        if name not in self.defaults:
-            raise RobotError(f"{self.where}: line {element.line}: there is no default class {name!r}")
-        return {**self.defaults[name].get(element.tag, {}), **element.attributes}
+    @cached_property
+    def mujoco(self) -> Any:
+        """The package."""
+        return self.compiled.mujoco
 
-    def numbers(self, element: Element, attributes: Mapping[str, str], key: str, *default: float) -> Array:
-        """Return the numbers of an attribute, as many as its default has."""
-        text = attributes.get(key)
-        if text is None:
-            return np.array(default)
-        try:
-            values = np.array([float(word) for word in text.split()])
-        except ValueError:
-            values = np.array([np.nan])
-        if len(values) != len(default) or not (np.abs(values) <= LARGEST).all():
+    @cached_property
+    def bodies(self) -> list[str]:
+        """Names of the bodies, made up where the file has none."""
+        return [WORLD, *(self.model.body(b).name or f"body_{b}" for b in range(1, self.model.nbody))]
+
+    def name(self, kind: str, index: int) -> str:
+        """Return the name of an object of a kind such as "tendon"; its number where the file has none."""
+        return getattr(self.model, kind)(index).name or f"{kind} {index + 1}"
+
+    def description(self) -> Description:
+        """Return the description of the whole file."""
+        model = self.model
+        if model.nbody < 2:
+            raise RobotError(f"{self.where}: it has no <body>")
+        for body in range(1, model.nbody):
+            self._body(body)
+        loops = self._equalities()
+        tendons = [tendon for t in range(model.ntendon) if (tendon := self._tendon(t)) is not None]
+        tendons += self._drives()
+        self._world()
+        off = self.mujoco.mjtDisableBit
+        weightless = bool(model.opt.disableflags & int(off.mjDSBL_GRAVITY))
+        if weightless:
+            self.notes.append("gravity is disabled in the file (didim robot --gravity 0 0 -9.81 restores it)")
+        gravity = self._checked(0.0 * model.opt.gravity if weightless else model.opt.gravity, "gravity")
+        return Description(
+            where=self.where,
+            name=model.names[: model.names.index(b"\0")].decode(),
+            links=self.links,
+            joints=self.joints,
+            root=WORLD,
+            gravity=tuple(float(g) for g in gravity),
+            notes=tuple(self.notes),
+            tendons=tuple(tendons),
+            loops=tuple(loops),
+            incomplete=tuple(self.bodies[b] for b in sorted(self.compiled.lost)),
+        )
+
+    def _checked(self, values: Any, what: str) -> Array:
+        numbers = np.array(values, dtype=np.float64)
+        if not (np.abs(numbers) <= LARGEST).all():
             raise RobotError(
-                f"{self.where}: line {element.line}: {key} of <{element.tag}> must be {counted(len(default), 'number')} "
-                f"of at most {LARGEST:g}, got {text!r}"
+                f"{self.where}: {what} must be at most {LARGEST:g} in size, got {numbers.tolist()}"
             )
-        return values
+        return numbers
 
-    def frame(self, element: Element, attributes: Mapping[str, str]) -> Array:
-        """Pose (4, 4) of an element in its parent, from ``pos`` and one of the five orientations."""
-        position = self.numbers(element, attributes, "pos", 0.0, 0.0, 0.0)
-        return pose(self._rotation(element, attributes), position)
+    def _pose(self, quaternion: Any, position: Any, what: str) -> Array:
+        rotation = np.zeros(9)
+        self.mujoco.mju_quat2Mat(rotation, np.array(quaternion, dtype=np.float64))
+        self._checked(rotation, f"orientation of {what}")
+        return pose(rotation.reshape(3, 3), self._checked(position, f"pos of {what}"))
 
-    def _rotation(self, element: Element, attributes: Mapping[str, str]) -> Array:
-        if "quat" in attributes:
-            return _of_quaternion(self.numbers(element, attributes, "quat", 1.0, 0.0, 0.0, 0.0))
-        if "axisangle" in attributes:
-            four = self.numbers(element, attributes, "axisangle", 0.0, 0.0, 1.0, 0.0)
-            return turn(direction_of(four[:3]), self.angle(float(four[3])))
-        if "euler" in attributes:
-            rotation = np.eye(3)
-            angles = self.numbers(element, attributes, "euler", 0.0, 0.0, 0.0)
-            for letter, angle in zip(self.compiler.eulerseq, angles, strict=True):
-                step = turn(np.eye(3)["xyz".index(letter.lower())], self.angle(float(angle)))
-                rotation = rotation @ step if letter.islower() else step @ rotation
-            return rotation
-        if "xyaxes" in attributes:
-            six = self.numbers(element, attributes, "xyaxes", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-            x = direction_of(six[:3])
-            y = direction_of(six[3:] - (six[3:] @ x) * x)
-            return np.column_stack([x, y, np.cross(x, y)])
-        if "zaxis" in attributes:
-            return along(direction_of(self.numbers(element, attributes, "zaxis", 0.0, 0.0, 1.0)))
-        return np.eye(3)
-
-    def walk(self, parent: Element, link: str, before: Array, childclass: str) -> None:
-        """Read the bodies on a link; `before` is the pose of the element's frame in that of the link."""
-        for element in parent.children:
-            if element.tag in UNREAD:
-                raise RobotError(
-                    f"{self.where}: line {element.line}: <{element.tag}> is not read; let MuJoCo write the file out "
-                    "(mj_saveLastXML)"
-                )
-            own = element.attributes.get("childclass", childclass)
-            if element.tag == "frame":
-                self.walk(element, link, before @ self.frame(element, element.attributes), own)
-            elif element.tag == "body":
-                self.body(element, link, before @ self.frame(element, element.attributes), own)
-
-    def body(self, body: Element, parent: str, origin: Array, childclass: str) -> None:
+    def _body(self, b: int) -> None:
         """Read a body: one link per joint, the last of which is the body itself."""
-        name = body.attributes.get("name", f"body_{len(self.links)}")
-        if name in self.links:
-            raise RobotError(f"{self.where}: line {body.line}: there are two bodies {name!r}")
-        joints = [child for child in body.children if child.tag in ("joint", "freejoint")]
+        model, name = self.model, self.bodies[b]
+        parent = self.bodies[model.body_parentid[b]]
+        origin = self._pose(model.body_quat[b], model.body_pos[b], name)
+        first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
         # Each joint turns about an anchor, where the intermediate links have their frames.
-        for number, element in enumerate(joints, start=1):
-            joint, anchor = self._joint(element, name, number, len(joints), childclass)
-            last = number == len(joints) and not anchor.any()
-            child = name if last else f"{name}/{joint.name}"
+        for j in range(first, first + count):
+            own = model.joint(j).name or (f"{name}_joint" if count == 1 else f"{name}_joint{j - first + 1}")
+            joint = self._joint(j, own)
+            anchor = self._checked(model.jnt_pos[j], f"pos of {own}") * (joint.kind in MOVING)
+            child = name if j == first + count - 1 and not anchor.any() else f"{name}/{own}"
             # The file draws a joint at its reference position.
             at_zero = origin @ pose(np.eye(3), anchor) @ joint.motion(-joint.zero)
-            self._connect(joint, parent, child, at_zero)
+            self._connect(replace(joint, parent=parent, child=child, origin=at_zero))
+            self.names[j] = own
             parent, origin = child, pose(np.eye(3), -anchor)
         if parent != name:
-            nothing = UrdfJoint(f"{name}_fixed", "fixed", "", "", np.eye(4), np.array([0.0, 0.0, 1.0]))
-            self._connect(nothing, parent, name, origin)
-        self.links[name] = self._inertial(body, name, childclass)
-        self.walk(body, name, np.eye(4), childclass)
+            fixed = UrdfJoint(f"{name}_fixed", "fixed", parent, name, origin, np.array([0.0, 0.0, 1.0]))
+            self._connect(fixed)
+        inertia = self._checked(model.body_inertia[b], f"inertia of {name}")
+        mass = float(self._checked(model.body_mass[b], f"mass of {name}"))
+        if b in self.compiled.lost or not (mass or inertia.any()):
+            self.links[name] = None
+            return
+        frame = self._pose(model.body_iquat[b], model.body_ipos[b], f"inertial of {name}")
+        self.links[name] = Inertial(mass, frame, np.diag(inertia))
 
-    def _connect(self, joint: UrdfJoint, parent: str, child: str, origin: Array) -> None:
-        joint = replace(joint, parent=parent, child=child, origin=origin)
-        if any(other.name == joint.name for other in self.joints.values()):
-            raise RobotError(f"{self.where}: there are two joints {joint.name!r}")
-        self.links.setdefault(child, None)
-        self.joints[child] = joint
+    def _connect(self, joint: UrdfJoint) -> None:
+        if joint.name in self.children or joint.child in self.joints:
+            raise RobotError(f"{self.where}: there are two joints or bodies {joint.name!r}")
+        self.links.setdefault(joint.child, None)
+        self.children[joint.name] = joint.child
+        self.joints[joint.child] = joint
 
-    def _joint(
-        self, element: Element, body: str, number: int, count: int, childclass: str
-    ) -> tuple[UrdfJoint, Array]:
-        """Return a joint without parent and child, and its anchor in the body's frame."""
-        free = element.tag == "freejoint"
-        given = {"type": "free", **element.attributes} if free else self.attributes(element, childclass)
-        kind = KINDS.get(given.get("type", "hinge"))
-        if kind is None:
-            raise RobotError(
-                f"{self.where}: line {element.line}: a joint is a hinge or a slide, got type {given['type']!r}"
-            )
-        name = given.get("name") or (f"{body}_joint" if count == 1 else f"{body}_joint{number}")
-        turns = kind == "revolute"
-        self.elements[name] = element
-
-        def number_of(key: str) -> float:
-            return float(self.numbers(element, given, key, 0.0)[0])
-
-        # MuJoCo takes polynomials here; the first coefficient is the linear one.
-        for key in ("stiffness", "damping"):
-            first, *others = given.get(key, "0").split() or ["0"]
-            given[key] = first
-            if any(word.strip("0.") for word in others):
-                self.curved.append(f"{key} of {name}")
-        nailed = _beyond(given["damping"])
-        if nailed:
-            kind, given["damping"] = f"{kind} with a damping of {given['damping']}", "0"
-
-        scale = self.angle(1.0) if turns else 1.0
-        low, high = scale * self.numbers(element, given, "range", 0.0, 0.0)
-        limited = given.get("limited", "auto")
-        bounded = low < high and (limited == "true" or (limited == "auto" and self.compiler.autolimits))
-        low_force, high_force = self.numbers(element, given, "actuatorfrcrange", 0.0, 0.0)
-        if low_force < high_force and given.get("actuatorfrclimited", "auto") != "false":
-            self.own_limits[name] = float(max(-low_force, high_force))
-        joint = UrdfJoint(
+    def _joint(self, j: int, name: str) -> UrdfJoint:
+        """Return a joint without parent and child."""
+        model, kind = self.model, KINDS[int(self.model.jnt_type[j])]
+        dof, place = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
+        axis = self._checked(model.jnt_axis[j], f"axis of {name}")
+        if kind not in MOVING:
+            return UrdfJoint(name, kind, "", "", np.eye(4), axis)
+        zero = float(self._checked(model.qpos0[place], f"ref of {name}"))
+        damping = float(model.dof_damping[dof])
+        if damping > LARGEST:
+            return UrdfJoint(name, f"{kind} with a damping of {damping:g}", "", "", np.eye(4), axis)
+        values = (
+            damping,
+            model.dof_frictionloss[dof],
+            model.dof_armature[dof],
+            model.jnt_stiffness[j],
+            model.qpos_spring[place],
+        )
+        damping, friction, armature, stiffness, rest = self._checked(
+            [float(np.ravel(value)[0]) for value in values],
+            f"damping, friction, armature and spring of {name}",
+        ).tolist()
+        low, high = self._checked(model.jnt_range[j], f"range of {name}").tolist()
+        return UrdfJoint(
             name=name,
             kind=kind,
             parent="",
             child="",
             origin=np.eye(4),
-            axis=direction_of(self.numbers(element, given, "axis", 0.0, 0.0, 1.0)),
-            limits=JointLimits(position=(float(low), float(high)) if bounded else None),
-            damping=number_of("damping"),
-            friction=number_of("frictionloss"),
-            armature=number_of("armature"),
-            stiffness=number_of("stiffness"),
-            rest=scale * number_of("springref"),
-            zero=0.0 if nailed else scale * number_of("ref"),
-            softness=self._softness(element, given),
-        )
-        anchored = kind in ("revolute", "prismatic")
-        return joint, self.numbers(element, given, "pos", 0.0, 0.0, 0.0) if anchored else np.zeros(3)
-
-    def _softness(self, element: Element, given: Mapping[str, str]) -> tuple[float, float]:
-        """Return creep and rest (s) of a joint's friction loss, `didim.robot.transmission.softness`.
-
-        Two negative numbers of ``solreffriction`` are stiffness and damping, and friction takes the damping. Of a positive and a
-        negative one MuJoCo takes neither, but its defaults.
-        """
-
-        def first_of(key: str, *usual: float) -> tuple[float, float]:
-            words = given.get(key, "").split()[:2]
-            numbers = self.numbers(
-                element, {key: " ".join(words)} if words else {}, key, *usual[: len(words) or 2]
-            )
-            first, second = np.append(numbers, usual[len(numbers) :])
-            return float(first), float(second)
-
-        limit = LEAST_IMPEDANCE
-        least, largest = np.clip(first_of("solimpfriction", IMPEDANCE, LARGEST_IMPEDANCE), limit, 1.0 - limit)
-        time, damping = first_of("solreffriction", TIME_CONSTANT_S, 1.0)
-        if (time > 0.0) != (damping > 0.0):
-            time, damping = TIME_CONSTANT_S, 1.0
-        return softness(
-            float(least), float(largest), time if time > 0.0 else 2.0 / max(-damping, 1.0 / LARGEST)
+            axis=axis,
+            limits=JointLimits(position=(low, high) if model.jnt_limited[j] and low < high else None),
+            damping=damping,
+            friction=friction,
+            armature=armature,
+            stiffness=stiffness,
+            rest=rest,
+            zero=zero,
+            softness=_softness(model.dof_solref[dof], model.dof_solimp[dof]),
         )
 
-    def _inertial(self, body: Element, name: str, childclass: str) -> Inertial | None:
-        element = body.find("inertial")
-        geoms = self._geoms(body, np.eye(4), childclass)
-        if self.compiler.from_geoms == "true" or (element is None and self.compiler.from_geoms == "auto"):
-            solids = []
-            for geom, frame in geoms:
-                given = self.attributes(geom, childclass)
-                first, last = self.compiler.groups
-                if not first <= self.numbers(geom, given, "group", 0.0)[0] <= last:
-                    continue
-                if given.get("type") == "mesh" or "mesh" in given:
-                    self.meshes.append(name)
+    def _equalities(self) -> list[Loop]:
+        """Tie joints to their leaders; return the other active constraints."""
+        model, kinds = self.model, self.mujoco.mjtEq
+        loops: list[Loop] = []
+        held: list[str] = []
+        for e in range(model.neq):
+            if not model.eq_active0[e]:
+                continue
+            kind, first, second = (int(model.eq_type[e]), int(model.eq_obj1id[e]), int(model.eq_obj2id[e]))
+            name = model.equality(e).name or kinds(kind).name.removeprefix("mjEQ_").lower()
+            if kind == int(kinds.mjEQ_JOINT):
+                joints = tuple(self.names[j] for j in (first, second) if j >= 0)
+                child = self.children[joints[0]]
+                rest, slope, *curved = self._checked(model.eq_data[e][:5], f"polycoef of {name}").tolist()
+                straight = not any(curved) or second < 0
+                if not straight or self.joints[child].mimic is not None:
+                    loops.append(Loop(f"{name} ({series(joints, 60)})", joints=joints))
+                if self.joints[child].mimic is None:
+                    self.joints[child] = self._tied(child, first, second if straight else -1, rest, slope)
+            elif kind == int(kinds.mjEQ_TENDON):
+                tendons = [self._coefficients(t) or {} for t in (first, second) if t >= 0]
+                loops.append(Loop(name, joints=tuple({joint for each in tendons for joint in each})))
+            elif kind in (int(kinds.mjEQ_CONNECT), int(kinds.mjEQ_WELD)):
+                ends = [self._body_of(int(model.eq_objtype[e]), end) for end in (first, second)]
+                one, other = (self.bodies[end] for end in ends)
+                name = model.equality(e).name or f"{name} of {one} and {other}"
+                if any(model.body_mocapid[end] >= 0 for end in ends):
+                    held.append(name)
                 else:
-                    solids.append(solid_inertial(given, frame, f"{self.where}: line {geom.line}:"))
-            return _together(solids)
-        if element is None:
+                    loops.append(Loop(name, links=tuple(self.bodies[end] for end in ends)))
+            else:
+                loops.append(Loop(name, joints=tuple(self.names.values())))
+        if held:
+            self.notes.append(f"what ties bodies to mocap bodies is left out: {series(held)}")
+        return loops
+
+    def _tied(self, child: str, first: int, second: int, rest: float, slope: float) -> UrdfJoint:
+        """Return a joint that follows another; without a second one it stands still."""
+        model = self.model
+        # Both positions are relative to the pose in which the file draws the joints.
+        offset = float(model.qpos0[model.jnt_qposadr[first]]) + rest
+        if second < 0:
+            return replace(self.joints[child], mimic="", multiplier=0.0, offset=offset)
+        offset -= slope * float(model.qpos0[model.jnt_qposadr[second]])
+        return replace(self.joints[child], mimic=self.names[second], multiplier=slope, offset=offset)
+
+    def _body_of(self, kind: int, index: int) -> int:
+        site = kind == int(self.mujoco.mjtObj.mjOBJ_SITE)
+        return int(self.model.site_bodyid[index]) if site else max(index, 0)
+
+    def _coefficients(self, t: int) -> dict[str, float] | None:
+        """Coefficients of a fixed tendon by joint; None for a spatial one."""
+        model = self.model
+        first = int(model.tendon_adr[t])
+        entries = range(first, first + int(model.tendon_num[t]))
+        if any(model.wrap_type[k] != self.mujoco.mjtWrap.mjWRAP_JOINT for k in entries):
             return None
-        own = element.attributes
-        mass = float(self.numbers(element, own, "mass", 0.0)[0])
-        if "fullinertia" in own:
-            xx, yy, zz, xy, xz, yz = self.numbers(element, own, "fullinertia", *[0.0] * 6)
-            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        else:
-            inertia = np.diag(self.numbers(element, own, "diaginertia", 0.0, 0.0, 0.0))
-        return Inertial(mass=mass, frame=self.frame(element, own), inertia=inertia)
+        coefficients: dict[str, float] = {}
+        for k in entries:
+            joint = self.names[int(model.wrap_objid[k])]
+            coefficients[joint] = coefficients.get(joint, 0.0) + float(model.wrap_prm[k])
+        return coefficients
 
-    def _geoms(self, parent: Element, before: Array, childclass: str) -> Iterator[tuple[Element, Array]]:
-        for element in parent.children:
-            if element.tag == "geom":
-                yield element, before @ self.frame(element, self.attributes(element, childclass))
-            elif element.tag == "frame":
-                yield from self._geoms(element, before @ self.frame(element, element.attributes), childclass)
+    def _tendon(self, t: int) -> Tendon | None:
+        """Return a fixed tendon with forces of its own; note the others."""
+        model, name = self.model, self.name("tendon", t)
+        keys = ("armature", "damping", "frictionloss", "stiffness")
+        values = [float(np.ravel(getattr(model, f"tendon_{key}", np.zeros(t + 1))[t])[0]) for key in keys]
+        if not any(values):
+            return None
+        coefficients = self._coefficients(t)
+        low, high = model.tendon_lengthspring[t].tolist()
+        if coefficients is None or (values[3] and low != high):
+            self.unlike.append(name)
+            return None
+        numbers = self._checked([*values, low, *coefficients.values()], f"tendon {name}").tolist()
+        return Tendon(name, coefficients, *numbers[:5])
+
+    def _world(self) -> None:
+        """Note what of the file changes forces and has no place in a robot."""
+        model = self.model
+        flags = ("PASSIVE", "SPRING", "DAMPER", "FRICTIONLOSS", "EQUALITY", "CONSTRAINT", "ACTUATION")
+        bits = {flag: getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0) for flag in flags}
+        left_out = {
+            "limits of tendons are left out: ": [
+                self.name("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]
+            ],
+            "forces of tendons along a path or within a range are left out: ": self.unlike,
+            "nonlinear springs and dampers are left out: ": [
+                self.names[j] for j in self.names if self._curved(j)
+            ],
+            "the file compensates weights (gravcomp), and the robot has them: ": [
+                self.bodies[b] for b in range(model.nbody) if model.body_gravcomp[b]
+            ],
+            "the file switches off what the robot has: ": [
+                flag.lower() for flag, bit in bits.items() if model.opt.disableflags & int(bit)
+            ],
+        }
+        self.notes += [f"{what}{series(names, 60)}" for what, names in left_out.items() if names]
+        if model.opt.density or model.opt.viscosity:
+            self.notes.append("forces of the fluid are left out (density, viscosity)")
+        if model.nflex or model.nplugin:
+            self.notes.append("forces of plugins and of deformable bodies (flex) are left out")
+
+    def _curved(self, j: int) -> bool:
+        model, dof = self.model, int(self.model.jnt_dofadr[j])
+        places = {"jnt_stiffnesspoly": j, "jnt_springyield": j, "dof_dampingpoly": dof}
+        return any(np.any(getattr(model, key)[at]) for key, at in places.items() if hasattr(model, key))
+
+    def _drives(self) -> list[Tendon]:
+        """Give joints the gains and limits of their actuators; return rotors of actuators, as of tendons."""
+        model = self.model
+        own: dict[str, list[int]] = {}
+        shared: dict[str, float] = {}
+        rotors: list[Tendon] = []
+        unread: list[str] = []
+        rotating = [getattr(model, f"actuator_{key}", None) for key in ("armature", "damping")]
+        for k in range(len(model.actuator_trntype)):
+            name, arms = self.name("actuator", k), self.moments(k)
+            if hasattr(model, "actuator_delay") and model.actuator_delay[k]:
+                self.notes.append(f"the delay of actuator {name} is left out")
+            if arms is not None and not self.on_tendon(k):
+                own.setdefault(next(iter(arms)), []).append(k)
+            else:
+                unread.append(name)
+                for joint, arm in (arms or {}).items() if self.gains(k) == (0.0, 0.0, 0.0) else ():
+                    shared[joint] = shared.get(joint, 0.0) + abs(arm) * self._limit(k)
+            armature, damping = (0.0 if each is None else float(np.ravel(each[k])[0]) for each in rotating)
+            if arms and (armature or damping):
+                rotors.append(Tendon(name, arms, armature, damping))
+            elif armature or damping:
+                self.unlike.append(name)
+        for j, name in self.names.items():
+            own_joint = self.joints[self.children[name]]
+            if own_joint.kind in MOVING:
+                drive = self._drive(j, own.get(name, []), shared.get(name, np.inf), unread)
+                limits = replace(own_joint.limits, effort=drive.effort if drive else None)
+                self.joints[own_joint.child] = replace(own_joint, actuator=drive, limits=limits)
+        if unread:
+            self.notes.append(
+                f"actuators other than torques, position and velocity servos of one joint are left out: {series(unread, 70)}"
+            )
+        return rotors
+
+    def on_tendon(self, k: int) -> bool:
+        """Whether an actuator pulls a tendon."""
+        return int(self.model.actuator_trntype[k]) == int(self.mujoco.mjtTrn.mjTRN_TENDON)
+
+    def moments(self, k: int) -> dict[str, float] | None:
+        """Return the moments of an actuator by joint; None where they are not constant."""
+        model, kinds = self.model, self.mujoco.mjtTrn
+        gear, target = float(model.actuator_gear[k, 0]), int(model.actuator_trnid[k, 0])
+        if self.on_tendon(k):
+            coefficients = self._coefficients(target)
+            return coefficients and {joint: gear * each for joint, each in coefficients.items()}
+        if int(model.actuator_trntype[k]) not in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)):
+            return None
+        joint = self.joints[self.children[self.names[target]]]
+        return {joint.name: gear} if joint.kind in MOVING else None
+
+    def _drive(self, j: int, own: Sequence[int], effort: float, unread: list[str]) -> Actuator | None:
+        """Return the drive of a joint, in which gains add up; names of actuators that it is not made of join `unread`.
+
+        `effort` is the largest torque that a joint without own actuators gets of others (N.m or N).
+        """
+        model = self.model
+        arms = {k: abs(float(self._checked(model.actuator_gear[k, 0], "gear"))) for k in own}
+        gains = {k: self.gains(k) for k in own}
+        clear = all(each is not None for each in gains.values())
+        linear = [
+            (arms[k] ** 2 * each[0], arms[k] ** 2 * each[1], each[2]) for k, each in gains.items() if each
+        ]
+        kp, kv = (sum(each[at] for each in linear) for at in (0, 1))
+        if not clear:
+            unread += [self.name("actuator", k) for k, each in gains.items() if each is None or any(each)]
+        if own:
+            effort = sum(arm * self._limit(k) for k, arm in arms.items())
+        if model.jnt_actfrclimited[j]:
+            effort = min(effort, float(np.abs(model.jnt_actfrcrange[j]).max()))
+        largest = effort if 0.0 < effort <= LARGEST else None
+        if not own and largest is None:
+            return None
+        lag = max((each[2] for each in linear), default=0.0)
+        self._checked([kp, kv, lag], f"gains of {self.names[j]}")
+        if not clear or not (kp or kv):
+            return Actuator(effort=largest)
+        lost = self.compiled.lost and self.compiled.ratios & set(own)
+        if lost:
+            self.notes.append(
+                f"kv of {self.names[j]} is not known: its damping ratio needs the missing meshes"
+            )
+        return Actuator(kp=kp or None, kv=None if lost else kv, effort=largest, lag_s=lag)
+
+    def gains(self, k: int) -> tuple[float, float, float] | None:
+        """Return kp, kv and lag (s) of a linear actuator, on the motor's side: zeros for torques, None for other actuators."""
+        model, mj = self.model, self.mujoco
+        gain, bias = float(model.actuator_gainprm[k, 0]), np.array(model.actuator_biasprm[k][:3])
+        gaintype, biastype, dyntype = (
+            int(getattr(model, f"actuator_{key}type")[k]) for key in ("gain", "bias", "dyn")
+        )
+        if biastype == int(mj.mjtBias.mjBIAS_NONE):
+            bias *= 0.0
+        lags = dyntype in (int(mj.mjtDyn.mjDYN_FILTER), int(mj.mjtDyn.mjDYN_FILTEREXACT))
+        linear = (
+            gaintype == int(mj.mjtGain.mjGAIN_FIXED)
+            and (not bias.any() or biastype == int(mj.mjtBias.mjBIAS_AFFINE))
+            and (lags or dyntype == int(mj.mjtDyn.mjDYN_NONE))
+        )
+        # A command is a position or a velocity, not a multiple of one.
+        steers = -float(bias[1] or bias[2])
+        if not linear or bias[0] or (steers and abs(gain - steers) > SAME * abs(gain)):
+            return None
+        return 0.0 - float(bias[1]), 0.0 - float(bias[2]), float(model.actuator_dynprm[k, 0]) if lags else 0.0
+
+    def _limit(self, k: int) -> float:
+        """Return the largest force of an actuator, on the motor's side."""
+        model, limit = self.model, np.inf
+        if model.actuator_forcelimited[k]:
+            limit = float(np.abs(model.actuator_forcerange[k]).max())
+        if model.actuator_ctrllimited[k] and self.gains(k) == (0.0, 0.0, 0.0):
+            commands = float(np.abs(model.actuator_ctrlrange[k]).max())
+            limit = min(limit, commands * abs(float(model.actuator_gainprm[k, 0])))
+        return limit
 
 
-def read_mjcf(data: bytes, path: Path) -> Description:
-    """Read an MJCF.
+def _softness(solref: Any, solimp: Any) -> tuple[float, float]:
+    """Return creep and rest (s) of a joint's friction loss, `didim.robot.transmission.softness`.
 
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    path : Path
-        The file, whose name prefixes each message; included files are relative to its folder.
-
-    Raises
-    ------
-    RobotError
-        For XML that is broken, wrong numbers, unknown classes, and elements that generate bodies.
+    Two negative numbers of ``solreffriction`` are stiffness and damping, and friction takes the damping. Of a positive and a
+    negative one MuJoCo takes neither, but its defaults.
     """
-    where = path.name
-    outermost, sections, reader = walked(data, path)
-    gravity = np.array(GRAVITY)
-    for section in sections:
-        if section.tag == "option":
-            gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
-    weightless, notes = world_notes(sections)
-    gravity = 0.0 * gravity if weightless else gravity
-    actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
-    driven = dict(reader.joints)
-    for child, joint in reader.joints.items():
-        if (actuator := actuators.get(joint.name)) is not None:
-            limits = replace(joint.limits, effort=actuator.effort)
-            driven[child] = replace(joint, actuator=actuator, limits=limits)
-    joints = tied(sections, driven, where)
-    links = reader.links
-    if reader.meshes:
-        names = series(dict.fromkeys(reader.meshes))
-        notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
-    elif reader.compiler.total_mass:
-        links = _scaled(links, reader.compiler.total_mass)
-    if reader.curved:
-        notes.append(f"nonlinear parts are left out: {series(reader.curved)}")
-    if tendons := sprung_tendons(sections, reader.defaults):
-        notes.append(f"springs of tendons are left out: {series(tendons)}")
-    if unread:
-        notes.append(f"not read: {brief('; '.join(unread), 120)}")
-    name = outermost.attributes.get("model", "")
-    return Description(where, name, links, joints, WORLD, tuple(float(g) for g in gravity), tuple(notes))
-
-
-def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
-    """Return the outermost element of an MJCF, its sections with those of included files, and the reader of its bodies.
-
-    Raises
-    ------
-    RobotError
-        As for `read_mjcf`.
-    """
-    where = path.name
-    outermost = parse_xml(data, where)
-    sections = _included(outermost, path, (path,))
-    reader = Reader(where, compiler_of(sections, where), defaults_of(sections))
-    reader.links[WORLD] = None
-    for section in sections:
-        if section.tag == "worldbody":
-            reader.walk(section, WORLD, np.eye(4), section.attributes.get("childclass", "main"))
-    if not reader.joints:
-        raise RobotError(f"{where}: it has no <body>")
-    return outermost, sections, reader
-
-
-def _included(element: Element, main: Path, above: tuple[Path, ...]) -> list[Element]:
-    """Return what is inside an element of the last file of `above`, with the content of included files at any depth.
-
-    As in MuJoCo, the names of included files are relative to the folder of the main file.
-    """
-    file, inside = above[-1], []
-    for child in element.children:
-        if child.tag == "include":
-            part = main.parent / child.attributes.get("file", "")
-            where = f"{file.name}: line {child.line}"
-            if part in above:
-                raise RobotError(f"{where}: {part.name} includes itself")
-            try:
-                data = read_small_file(part, RobotError)
-            except RobotError as reason:
-                raise RobotError(f"{where}: {reason}") from None
-            inside += _included(parse_xml(data, part.name), main, (*above, part))
-            continue
-        content = _included(child, main, above)
-        # Elements without includes stay themselves: an export looks for them in their file.
-        same = len(content) == len(child.children) and all(map(operator.is_, content, child.children))
-        inside.append(child if same else replace(child, children=content))
-    return inside
-
-
-def _beyond(text: str) -> bool:
-    """Whether a damping is finite and beyond the largest number of a parameter: the joint is meant to stand still."""
-    try:
-        return LARGEST < float(text) < math.inf
-    except ValueError:
-        return False
-
-
-def _together(inertials: list[Inertial]) -> Inertial | None:
-    """Return the sum of several inertials about their common centre of mass."""
-    if not sum(inertial.mass for inertial in inertials) > 0.0:
-        return None
-    mass, centre, inertia = central(np.sum([inertial.pseudo for inertial in inertials], axis=0))
-    return Inertial(mass=mass, frame=pose(np.eye(3), centre), inertia=inertia)
-
-
-def _scaled(links: Mapping[str, Inertial | None], mass: float) -> dict[str, Inertial | None]:
-    """Return the bodies scaled to a total mass (kg)."""
-    ratio = mass / (sum(body.mass for body in links.values() if body is not None) or math.inf)
-    return {
-        name: body and replace(body, mass=ratio * body.mass, inertia=ratio * body.inertia)
-        for name, body in links.items()
-    }
-
-
-def _of_quaternion(values: Array) -> Array:
-    w, *vector = direction_of(values)
-    cross = skew(vector)
-    return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))
+    limit = LEAST_IMPEDANCE
+    least, largest = np.clip(np.array(solimp[:2]), limit, 1.0 - limit).tolist()
+    time, damping = float(solref[0]), float(solref[1])
+    if (time > 0.0) != (damping > 0.0):
+        time, damping = TIME_CONSTANT_S, 1.0
+    return softness(least, largest, time if time > 0.0 else 2.0 / max(-damping, 1.0 / LARGEST))

@@ -7,7 +7,7 @@ Tested in ``tests/test_urdf.py`` against Pinocchio, on real descriptions and on 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,13 +25,15 @@ from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
 from ..robot import MOST_JOINTS, Geometry, Robot
-from ..transmission import Follower
+from ..transmission import SOFTNESS, Follower
 from .chain import WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
-from .description import MOVING, Description, read_description
+from .description import read_description
+from .mechanism import MOVING, Description
 from .mjcf import read_mjcf
 from .snap import NearlyRight, Snapped, snap_chain
 from .summation import made_up_bodies, random_states, torques_by_summation
+from .tendons import Shares, drive_parameters, shares_of
 from .xml_spans import parse_xml
 
 URDF_SET = "urdf"
@@ -83,6 +85,7 @@ def read_urdf(
     lock: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
     snap: float = SNAP,
+    open: bool = False,
 ) -> UrdfReading:
     """Make a robot from a URDF or an MJCF.
 
@@ -99,6 +102,8 @@ def read_urdf(
         points up.
     snap : float
         Largest angle (rad) by which rounded right angles are snapped.
+    open : bool
+        Whether closed loops of an MJCF are cut on purpose, see `load_robot`.
 
     Raises
     ------
@@ -109,8 +114,9 @@ def read_urdf(
     if not 0.0 <= snap <= NEARLY_PARALLEL:
         raise RobotError(f"{where}: snap must be an angle between 0 and {NEARLY_PARALLEL} rad, got {snap!r}")
     data = read_small_file(path, RobotError)
-    mjcf = parse_xml(data, where).tag == "mujoco"
-    description = read_mjcf(data, path) if mjcf else read_description(data, where)
+    outermost = parse_xml(data, where)
+    mjcf = outermost.tag == "mujoco"
+    description = read_mjcf(outermost, path) if mjcf else read_description(data, where)
     set_name = MJCF_SET if mjcf else URDF_SET
     chain = choose_chain(description, base=base, tip=tip, lock=lock)
     down = _gravity(gravity, description, chain)
@@ -122,21 +128,18 @@ def read_urdf(
     links = made_up_bodies(len(chain.joints)) if made_up else chain.groups
     table, exact, as_written = _table(chain, snapped, links, down, where)
     geometry = _geometry(chain, table, down)
-    if snapped.joints:
-        rounded = series((chain.joints[joint].name for joint in snapped.joints), 60)
-        notes.append(
-            f"right angles of {rounded} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
-            f"torques change by {as_written:.1e} of the largest"
-        )
+    notes += _changed(chain, snapped, as_written)
     if chain.mimics:
         table, chain = _numbered(table, chain), chain.numbered()
         geometry = _geometry(chain, table, down, _followers(chain))
-        names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
-        notes.append(f"joints that follow others, with their leaders: {names}")
-    actuators = tuple(joint.actuator for joint in chain.joints)
-    springs = _springs(chain)
-    terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
-    named, missing = _parameters(chain, table, set_name, springs)
+    shares = shares_of(chain, description.tendons)
+    geometry = replace(geometry, coupling=tuple(map(tuple, shares.coupling.tolist())))
+    actuators = tuple(joint.actuator for joint in chain.driven)
+    softness = tuple(joint.softness for joint in chain.driven)
+    terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(shares.springs))
+    cut = () if open else tuple(_cut(description, chain, lock or {}))
+    notes += _left_out(description, chain, shares, lock or {})
+    named, missing = _parameters(chain, table, set_name, shares, description.incomplete)
     robot = Robot(
         name=description.name or path.stem,
         description=f"from {where}",
@@ -151,7 +154,8 @@ def read_urdf(
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=(*notes, *missing),
         actuators=actuators if any(actuators) else (),
-        softness=tuple(joint.softness for joint in chain.driven) if mjcf else (),
+        softness=softness if set(softness) != {SOFTNESS} else (),
+        cut=cut,
         _named={set_name: named} if named else {},
     )
     robot.core  # noqa: B018 - a wrong description must fail on loading
@@ -279,26 +283,53 @@ def _followers(chain: Chain) -> tuple[Follower, ...]:
     )
 
 
-def _springs(chain: Chain) -> dict[int, tuple[float, float]]:
-    """Return stiffness and torque at position zero of the springs by joint: that of a coupled joint acts on its leader."""
-    numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
-    springs: dict[int, tuple[float, float]] = {}
-    for joint in chain.joints:
-        leader, factor, offset = chain.mimics.get(joint.name, (joint.name, 1.0, 0.0))
-        if joint.stiffness:
-            stiffness, torque = springs.get(numbers[leader], (0.0, 0.0))
-            torque += factor * joint.stiffness * (offset - joint.rest)
-            springs[numbers[leader]] = (stiffness + factor**2 * joint.stiffness, torque)
-    return springs
+def _cut(description: Description, chain: Chain, lock: Mapping[str, float]) -> Iterator[str]:
+    """Return the closed loops that the robot does not have: those between parts that move against each other."""
+    carrier = {member.link: number for number, group in enumerate(chain.groups) for member in group}
+    moving = {joint.name for joint in chain.joints} - set(lock)
+    for loop in description.loops:
+        ends = {carrier.get(link) for link in loop.links}
+        if len(ends) > 1 or moving & set(loop.joints):
+            yield loop.name
+
+
+def _changed(chain: Chain, snapped: Snapped, as_written: float) -> Iterator[str]:
+    """Return sentences on snapped angles and coupled joints."""
+    if snapped.joints:
+        rounded = series((chain.joints[joint].name for joint in snapped.joints), 60)
+        yield (
+            f"right angles of {rounded} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
+            f"torques change by {as_written:.1e} of the largest"
+        )
+    if chain.mimics:
+        names = series(f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
+        yield f"joints that follow others, with their leaders: {names}"
+
+
+def _left_out(
+    description: Description, chain: Chain, shares: Shares, lock: Mapping[str, float]
+) -> Iterator[str]:
+    """Return sentences on what of an MJCF has no place in the robot."""
+    if loops := list(_cut(description, chain, lock)):
+        yield f"closed loops are cut, and what they hold moves freely: {series(loops, 60)}"
+    if shares.left:
+        yield f"forces and armatures of tendons are left out: {series(shares.left, 60)}"
+    if driven := [joint.name for joint in chain.joints if joint.actuator and joint.name in chain.mimics]:
+        yield f"drives of joints that follow others are left out: {series(driven, 60)}"
 
 
 def _parameters(
     chain: Chain,
     table: MdhTable,
     set_name: str,
-    springs: Mapping[int, tuple[float, float]],
+    shares: Shares,
+    incomplete: Collection[str],
 ) -> tuple[dict[str, float], list[str]]:
     """Return the standard parameters of the file by name, and sentences on missing ones."""
+    if lost := [member.link for group in chain.groups for member in group if member.link in incomplete]:
+        return {}, [
+            f"mesh files are missing, so these bodies lack mass: {series(lost, 60)}; there is no parameter set {set_name!r}"
+        ]
     pseudos = chain.pseudo_inertias
     names = [group[0].link for group in chain.groups]
     # The links between the joints of one body of an MJCF have no inertia, and need none.
@@ -318,11 +349,9 @@ def _parameters(
         reason = why_no_body(pseudo) if pseudo.any() else None
         if reason is not None:
             notes.append(f"link {name} of the file is not a body: {reason}")
-    for key, attribute in {"Ia": "armature", "Fv": "damping", "Fc": "friction"}.items():
-        values = [getattr(joint, attribute) for joint in chain.joints]
-        if any(values):
-            named.update({f"{key}{j + 1}": value for j, value in enumerate(values)})
-    for j, (stiffness, torque) in springs.items():
+    own = [[joint.armature, joint.damping, joint.friction] for joint in chain.joints]
+    named |= drive_parameters(shares, np.array(own).T)
+    for j, (stiffness, torque) in shares.springs.items():
         named |= {f"Ks{j + 1}": stiffness, f"Off{j + 1}": torque}
     return named, notes
 
@@ -377,5 +406,8 @@ def _self_test(
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)
         # The torque of a joint without load is pure rounding.
         largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_TORQUE_SHARE * np.abs(expected).max())
-        differences.append(float((np.abs(tau - expected).max(axis=0) / largest).max()))
+        # A robot without any torque, such as a point mass on a vertical axis, has none to compare with.
+        differences.append(
+            float((np.abs(tau - expected).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
+        )
     return differences[0], differences[1] if snapped.joints else differences[0]

@@ -16,7 +16,7 @@ from ..._tools.arrays import Array
 from ..placement import carriers, in_line
 from ..rigid_body import skew
 from .chain import Member
-from .description import Inertial
+from .mechanism import Inertial
 
 STATES = 50
 """Number of random states of the self-test."""

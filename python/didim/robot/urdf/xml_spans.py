@@ -128,6 +128,8 @@ def parse_xml(data: bytes, where: str) -> Element:
         raise RobotError(
             f"{where}: not well-formed XML, {reason} (line {error.lineno}, column {error.offset + 1})"
         ) from None
-    except ValueError as error:  # unknown encoding
+    except RobotError:
+        raise
+    except (ValueError, LookupError) as error:  # unknown encoding
         raise RobotError(f"{where}: not readable as XML ({error})") from None
     return outermost[0]

@@ -1,0 +1,120 @@
+"""Springs of joints, and tendons of an MJCF, in a robot's terms: shares of single joints, or motors of several joints, (22).
+
+A tendon of length ``L = r q`` adds ``a r^T r`` to M(q), ``r^T d r dq`` to the friction, and its spring ``r^T k (L - L0)`` to the
+torques. With one entry in r these are shares of that joint. Otherwise it is a motor with the row r in the coupling matrix, which
+has the name of a joint without a rotor inertia of its own. Tested in ``tests/test_mjcf_features.py`` against MuJoCo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from .chain import Chain
+from .mechanism import Tendon
+
+SINGULAR = 1e-9
+"""Smallest singular value of a coupling matrix whose motors determine the speeds of all joints."""
+
+POWERS = (2, 2, 1)
+"""Powers of a moment arm by which rotor inertia, viscous and Coulomb friction of a tendon act on a joint."""
+
+
+@dataclass(eq=False)
+class Shares:
+    """What springs and tendons add to the parameters of driven joints.
+
+    Attributes
+    ----------
+    coupling : (n, n) array
+        Coupling matrix, with the rows of tendons over several joints.
+    drives : (3, n) array
+        ``Ia``, ``Fv`` and ``Fc`` that joints get of tendons.
+    springs : mapping of int to (float, float)
+        Stiffness and torque at position zero by joint.
+    motors : mapping of int to (3,) array
+        ``Ia``, ``Fvm`` and ``Fcm`` of tendons over several joints, by motor.
+    left : list of str
+        Names of tendons that a robot cannot represent.
+    """
+
+    coupling: Array
+    drives: Array
+    springs: dict[int, tuple[float, float]] = field(default_factory=dict)
+    motors: dict[int, Array] = field(default_factory=dict)
+    left: list[str] = field(default_factory=list)
+
+
+def shares_of(chain: Chain, tendons: tuple[Tendon, ...]) -> Shares:
+    """Return what the springs of a chain's joints, and tendons, add to its driven joints.
+
+    Parameters
+    ----------
+    chain : Chain
+        The chain, driven joints first.
+    tendons : tuple of Tendon
+        Those of the whole file; a locked joint only changes the rest of a spring.
+    """
+    numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
+    n = len(numbers)
+    shares = Shares(np.eye(n), np.zeros((3, n)))
+    springs = (Tendon(j.name, {j.name: 1.0}, stiffness=j.stiffness, rest=j.rest) for j in chain.joints)
+    for tendon in (*springs, *tendons):
+        row, length = np.zeros(n), 0.0
+        for name, coefficient in tendon.coefficients.items():
+            leader, factor, offset = chain.mimics.get(name, (name, 1.0, chain.locked.get(name, 0.0)))
+            length += coefficient * offset
+            if leader in numbers:
+                row[numbers[leader]] += coefficient * factor
+        joints = [int(joint) for joint in np.flatnonzero(row)]
+        drive = np.array([tendon.armature, tendon.damping, tendon.friction])
+        if len(joints) == 1:
+            arm = float(row[joints[0]])
+            shares.drives[:, joints[0]] += drive * np.power(abs(arm), POWERS)
+            if tendon.stiffness:
+                before = shares.springs.get(joints[0], (0.0, 0.0))
+                torque = arm * tendon.stiffness * (length - tendon.rest)
+                shares.springs[joints[0]] = (before[0] + arm**2 * tendon.stiffness, before[1] + torque)
+        elif joints:
+            free = [
+                m
+                for m in joints
+                if not (chain.driven[m].armature or shares.drives[0, m] or m in shares.motors)
+            ]
+            motor = None if tendon.stiffness or chain.mimics else _motor(shares.coupling, row, free)
+            if motor is None:
+                shares.left.append(tendon.name)
+            else:
+                shares.coupling[motor] = row / row[motor]
+                shares.motors[motor] = drive * np.power(abs(row[motor]), POWERS)
+    return shares
+
+
+def _motor(coupling: Array, row: Array, free: list[int]) -> int | None:
+    """Return the last of these joints that can be replaced by a motor with a row of the coupling matrix."""
+    for motor in reversed(free):
+        trial = coupling.copy()
+        trial[motor] = row / row[motor]
+        if np.linalg.svd(trial, compute_uv=False).min() > SINGULAR:
+            return motor
+    return None
+
+
+def drive_parameters(shares: Shares, own: Array) -> dict[str, float]:
+    """Return the drive parameters of a robot by name: those of joints contain the shares of motors, (24).
+
+    `own` are ``Ia``, ``Fv`` and ``Fc`` of all joints, (3, n_joints).
+    """
+    n = len(shares.coupling)
+    totals = own.copy()
+    named: dict[str, float] = {}
+    totals[:, :n] += shares.drives
+    for motor, drive in shares.motors.items():
+        totals[:2, :n] += np.outer(drive[:2], shares.coupling[motor] ** 2)
+        totals[2, motor] += drive[2]
+        named |= {f"Fvm{motor + 1}": float(drive[1]), f"Fcm{motor + 1}": float(drive[2])}
+    for key, values in zip(("Ia", "Fv", "Fc"), totals, strict=True):
+        named |= {f"{key}{j + 1}": float(value) for j, value in enumerate(values) if values.any()}
+    return named
