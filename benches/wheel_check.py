@@ -4,7 +4,8 @@
 
 installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
 commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
-how large it is. Examples that need an extra run last, with it; where pip cannot install it, the output says that they did not run. It fails where a command fails, where anything is imported from outside the environment, where the core asks
+how large it is. Examples that need an extra run last, with it; where pip cannot install it, the output says that they did not run.
+It fails where a command fails, where anything is imported from outside the environment, where the core asks
 for a later glibc than the name of the wheel says, where the licence of a Rust package inside, or the SBOM, is missing, and where a
 file of the wheel tells in which folder it was built. `--contract` also runs the contract suite of the methods there.
 
@@ -200,7 +201,7 @@ def check(wheel: Path, place: Place, contract: bool = False) -> None:
 
 
 def run_examples(place: Place, empty: Path, bare: dict[str, str], python: Path, wheel: Path) -> None:
-    """Run the commands of every example in an empty folder; those that need an extra of the package come last, after its installation."""
+    """Run all commands of every example in an empty folder; those that need an extra come last, after its installation."""
     listed = succeed(place, empty, bare, ["didim", "example"])
     examples = []
     for name in re.findall(r"^(\w+)  ", listed, flags=re.MULTILINE):
