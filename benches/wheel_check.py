@@ -4,7 +4,8 @@
 
 installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
 commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
-how large it is. It fails where a command fails, where anything is imported from outside the environment, where the core asks
+how large it is. Examples that need an extra run last, with it; where pip cannot install it, the output says that they did not run.
+It fails where a command fails, where anything is imported from outside the environment, where the core asks
 for a later glibc than the name of the wheel says, where the licence of a Rust package inside, or the SBOM, is missing, and where a
 file of the wheel tells in which folder it was built. `--contract` also runs the contract suite of the methods there.
 
@@ -53,6 +54,8 @@ print(*python, "of", system, platform.machine(), "numpy", numpy.__version__, "sc
 """
 MUST_TRAVEL = ("faer", "nalgebra", "numpy", "pyo3", "simba")
 """Packages that make up most of the core, under MIT, Apache-2.0 and BSD-2-Clause."""
+EXTRA = re.compile(r"didim\[(\w+)\]")
+"""The extra of the package that the README of an example names."""
 GLIBC = re.compile(rb"GLIBC_2\.(\d+)")
 
 
@@ -173,17 +176,7 @@ def check(wheel: Path, place: Place, contract: bool = False) -> None:
             environment
         ):
             sys.exit(f"didim is imported from {where}, which is outside the environment")
-        listed = succeed(place, empty, bare, ["didim", "example"])
-        for name in re.findall(r"^(\w+)  ", listed, flags=re.MULTILINE):
-            start = time.perf_counter()
-            printed = succeed(place, empty, bare, ["didim", "example", name])
-            commands = printed.partition(f"\ncd {name}\n")[2]
-            if not commands:
-                sys.exit(f"didim example {name} names no commands:\n{printed}")
-            for command in commands.splitlines():
-                succeed(place, empty / name, bare, ["sh", "-c", command])
-            print(f"  {name}: {len(commands.splitlines())} commands, {time.perf_counter() - start:.0f} s")
-            shutil.rmtree(folder / "empty" / name)
+        run_examples(place, empty, bare, python, inside / wheel.name)
         print(succeed(place, empty, bare, ["didim", "compare", "--nelder-mead", "none"]))
         left = [path.name for path in (folder / "empty").iterdir()]
         if left:
@@ -207,13 +200,42 @@ def check(wheel: Path, place: Place, contract: bool = False) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def run_examples(place: Place, empty: Path, bare: dict[str, str], python: Path, wheel: Path) -> None:
+    """Run all commands of every example in an empty folder; those that need an extra come last, after its installation."""
+    listed = succeed(place, empty, bare, ["didim", "example"])
+    examples = []
+    for name in re.findall(r"^(\w+)  ", listed, flags=re.MULTILINE):
+        printed = succeed(place, empty, bare, ["didim", "example", name])
+        commands = printed.partition(f"\ncd {name}\n")[2].splitlines()
+        if not commands:
+            sys.exit(f"didim example {name} names no commands:\n{printed}")
+        needed = EXTRA.search(place.here(empty / name / "README.md").read_text(encoding="utf-8"))
+        examples.append((needed.group(1) if needed else "", name, commands))
+    for extra, name, commands in sorted(examples):
+        if extra and (failure := installation(place, python, f"{wheel}[{extra}]")):
+            print(f"  {name}: NOT RUN, pip cannot install didim[{extra}] here: {failure.splitlines()[-1]}")
+        else:
+            start = time.perf_counter()
+            for command in commands:
+                succeed(place, empty / name, bare, ["sh", "-c", command])
+            needs = f" with didim[{extra}]" if extra else ""
+            print(f"  {name}: {len(commands)} commands{needs}, {time.perf_counter() - start:.0f} s")
+        shutil.rmtree(place.here(empty / name))
+
+
 def install(place: Place, python: Path, *packages: object) -> None:
-    """Install packages in the environment of an interpreter."""
+    """Install packages in the environment of an interpreter, or end."""
+    failure = installation(place, python, *packages)
+    if failure:
+        sys.exit(f"pip cannot install {' '.join(map(str, packages))}: {failure}")
+
+
+def installation(place: Place, python: Path, *packages: object) -> str:
+    """Install packages in the environment of an interpreter, and return what pip says where it fails."""
     settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     words = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages]
     done = run(place, Path("/"), settings, words)
-    if done.returncode:
-        sys.exit(f"pip cannot install {' '.join(map(str, packages))}: {done.stderr}")
+    return (done.stderr.strip() or f"exit code {done.returncode}") if done.returncode else ""
 
 
 def succeed(place: Place, folder: Path, environment: dict[str, str], words: Sequence[object]) -> str:

@@ -3,40 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-RATE = 200.0
-KP, KV = 20.0, 1.5
 LEGS = {"FL": (0.2, 0.05), "FR": (0.2, -0.05)}
 """Names of the legs, and where they are on the trunk (m)."""
-TRUTH = {
-    "hip": {"armature": 0.012, "damping": 0.18, "frictionloss": 0.2},
-    "calf": {"armature": 0.03, "damping": 0.25, "frictionloss": 0.6},
-}
-"""Drives of the joints of each leg."""
+PARTS = ("hip", "calf")
+"""Driven parts of a leg."""
 FILE = {"armature": 0.01, "damping": 0.6, "frictionloss": 0.2}
 """Properties of every drive in the user's file."""
 
 _LEG = """
       <body name="{leg}_hip" pos="{x} {y} 0">
         <inertial pos="0 0.02 -0.05" mass="1.1" diaginertia="0.006 0.006 0.001"/>
-        <joint name="{leg}_hip_joint" axis="0 1 0"{hip}/>
+        <joint name="{leg}_hip_joint" axis="0 1 0"/>
         <body name="{leg}_calf" pos="0 0 -0.2">
           <inertial pos="0.006 0 -0.12" mass="0.3" diaginertia="0.0015 0.0015 0.0001"/>
-          <joint name="{leg}_calf_joint" axis="0 1 0"{calf}/>
+          <joint name="{leg}_calf_joint" axis="0 1 0"/>
         </body>
       </body>"""
 
 _ROBOT = """<mujoco model="twin">
-  <!-- The trunk floats; it stands on a rack for the log. -->
+  <!-- The trunk floats; it stands on a rack for a log. -->
   <compiler angle="radian"/>
   <option timestep="0.002" integrator="implicitfast"/>
   <default><joint armature="{armature}" damping="{damping}" frictionloss="{frictionloss}"/></default>
   <worldbody>
-    <body name="trunk" pos="0 0 0.5">{free}
+    <body name="trunk" pos="0 0 0.5">
+      <freejoint/>
       <inertial pos="0 0 0" mass="6" diaginertia="0.1 0.1 0.1"/>{legs}
     </body>
   </worldbody>
@@ -46,28 +41,13 @@ _ROBOT = """<mujoco model="twin">
 """
 
 
-def robot_text(*, truth: bool = False) -> str:
-    """The MJCF of the user, with motors and a floating trunk; or that of the truth, with servos and the trunk on a rack."""
-    values = {
-        kind: "".join(f' {key}="{value}"' for key, value in one.items()) if truth else ""
-        for kind, one in TRUTH.items()
-    }
-    legs = "".join(_LEG.format(leg=leg, x=x, y=y, **values) for leg, (x, y) in LEGS.items())
-    servo = (
-        f'position kp="{KP}" kv="{KV}" forcerange="-23.7 23.7"' if truth else 'motor ctrlrange="-23.7 23.7"'
+def robot_text() -> str:
+    """The MJCF of the user, with motors and a floating trunk."""
+    legs = "".join(_LEG.format(leg=leg, x=x, y=y) for leg, (x, y) in LEGS.items())
+    actuators = "".join(
+        f'\n    <motor ctrlrange="-23.7 23.7" joint="{leg}_{part}_joint"/>' for leg in LEGS for part in PARTS
     )
-    actuators = "".join(f'\n    <{servo} joint="{leg}_{part}_joint"/>' for leg in LEGS for part in TRUTH)
-    return _ROBOT.format(free="" if truth else "\n      <freejoint/>", legs=legs, actuators=actuators, **FILE)
-
-
-def commands(seconds: float) -> np.ndarray:
-    """Triangles that become faster and jumps between them, as stairs of three samples, (n_samples, 4)."""
-    t = np.arange(int(seconds * RATE)) // 3 * 3 / RATE
-    period = np.where(t < 0.5 * seconds, 2.0, 0.7)
-    triangle = 4.0 * np.abs((t / period) % 1.0 - 0.5) - 1.0
-    jumps = np.sign(np.sin(2.0 * np.pi * 1.3 * t)) * (t % 4.0 > 3.0)
-    found = np.outer(0.3 * triangle + 0.15 * jumps, [1.0, -1.5, -0.8, 1.2])
-    return np.asarray(found + np.array([0.4, -0.9, 0.3, -1.0]))
+    return _ROBOT.format(legs=legs, actuators=actuators, **FILE)
 
 
 def followed(
@@ -100,17 +80,6 @@ def followed(
                 data.qfrc_applied[:] = push((k * steps + number) * step_s, data.qpos)
                 mujoco.mj_step(model, data)
     return q
-
-
-def logged(folder: Path, mujoco: Any, seconds: float = 8.0) -> Path:
-    """Write the twin's file and its log, ``go2.xml`` and ``traj_0.npz``; commands act 6 ms late."""
-    folder.mkdir(exist_ok=True)
-    (folder / "go2.xml").write_text(robot_text(), encoding="utf-8")
-    r = commands(seconds)
-    q = followed(mujoco, robot_text(truth=True), r, RATE, 0.006)
-    q += 2e-5 * np.random.default_rng(1).standard_normal(q.shape)
-    np.savez(folder / "traj_0.npz", time=np.arange(len(r)) / RATE, dof_pos=q, des_dof_pos=r)
-    return folder
 
 
 def recorded(file: str, position: str, reference: str) -> str:

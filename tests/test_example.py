@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from didim.cli.examples import FOLDER, example_commands, packaged_examples
 from didim.cli.main import main
 
 NAMES = sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
+LISTED = ", ".join(NAMES)
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +23,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_list_names_every_example(capsys: pytest.CaptureFixture[str]) -> None:
-    assert NAMES == ["tx40", "ur10e"]
+    assert NAMES == ["hobby_arm", "payload", "quadruped", "study", "tx40", "ur10e"]
     assert main(["example"]) == 0
     rows = [line.split(maxsplit=1) for line in capsys.readouterr().out.partition("\n\n")[0].splitlines()]
     assert [name for name, _ in rows] == NAMES
@@ -48,12 +50,13 @@ def test_an_example_is_copied_with_its_commands(
         program, *arguments = command.split()
         if program == "python":
             assert arguments[0] in there
-            there |= {"log.csv", "other.csv"}
+            text = (here / name / arguments[0]).read_text(encoding="utf-8")
+            there |= set(re.findall(r"\w+\.csv", text))
             continue
         written = {arguments[k + 1] for k, word in enumerate(arguments) if word in ("-o", "--json")}
         if arguments[0] == "init":
-            written |= {f"{Path(arguments[-1]).stem}.toml"}
-        assert {word for word in arguments if "." in word} <= there | written, command
+            written |= {f"{Path(arguments[2]).stem}.toml"}
+        assert {word for word in arguments if re.search(r"\.[a-z]", word)} <= there | written, command
         there |= written
 
 
@@ -76,8 +79,8 @@ def test_nothing_is_overwritten_unasked(here: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["tx4"], "there is no example 'tx4'; did you mean 'tx40'? (there are: tx40, ur10e)"),
-        (["../robots"], "there is no example '../robots' (there are: tx40, ur10e)"),
+        (["tx4"], f"there is no example 'tx4'; did you mean 'tx40'? (there are: {LISTED})"),
+        (["../robots"], f"there is no example '../robots' (there are: {LISTED})"),
         (["-o", "x"], "-o needs the name of an example: didim example tx40 -o FOLDER"),
     ],
 )

@@ -148,7 +148,9 @@ def test_the_home_page_and_the_menu_name_every_page() -> None:
     text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").glob("*.md")}
-    assert pages - {"index.md"} == {link for link in re.findall(r"\]\(([^)]+\.md)\)", text) if "/" not in link}
+    assert pages - {"index.md"} == {
+        link for link in re.findall(r"\]\(([^)]+\.md)\)", text) if "/" not in link
+    }
     assert pages == set(re.findall(r": (\w+\.md)$", menu, flags=re.MULTILINE))
 
 

@@ -1,8 +1,11 @@
-"""The commands of docs/first_log.md and docs/new_robot.md run in their order and print what the pages say."""
+"""The commands of docs/first_log.md, new_robot.md, payload.md and studies.md run in their order and print what the pages say."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -10,6 +13,7 @@ import numpy as np
 import pytest
 
 import didim
+from didim.cli.examples import example_commands
 from didim.cli.main import main
 from test_documented import indented, tables, words
 
@@ -19,6 +23,10 @@ FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
 
 def run(command: str, code: int = 0) -> None:
     program, *arguments = command.split()
+    if program == "python":
+        (file,) = arguments
+        runpy.run_path(file, run_name="__main__")
+        return
     if program == "cat":
         source, sign, target = arguments
         assert sign == ">>"
@@ -30,7 +38,28 @@ def run(command: str, code: int = 0) -> None:
 
 
 def commands(text: str) -> list[str]:
-    return re.findall(r"^    ((?:didim|cat) .*)$", text, flags=re.MULTILINE)
+    return re.findall(r"^    ((?:didim|cat|python) .*)$", text, flags=re.MULTILINE)
+
+
+def walked(name: str, text: str, folder: Path) -> dict[str, str]:
+    """Run the commands of the page of an example in an empty folder; return what each of the example's prints."""
+    example, *following = commands(text)
+    assert example == f"didim example {name}"
+    assert following == example_commands(name)
+    printed = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run(example)
+        patch.chdir(name)
+        for command in following:
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                run(command)
+            printed[command] = out.getvalue()
+    return printed
+
+
+def ends_sound(printed: str) -> bool:
+    return printed.rstrip().rpartition("\n")[2].startswith("Verdict: sound: ")
 
 
 def fences(text: str) -> list[str]:
@@ -149,3 +178,57 @@ def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: 
     # Not because the two robots are alike: with the lengths of the TX40 the same log gives other parameters.
     other = didim.load_robot("tx40")
     assert not np.allclose(other.base_parameters.matrix, robot.base_parameters.matrix)
+
+
+@pytest.mark.slow
+def test_a_gripper_from_two_logs(project: Path, tmp_path: Path) -> None:
+    page = project / "docs" / "payload.md"
+    text = page.read_text(encoding="utf-8").partition("## Several logs in one fit")[0]
+    printed = walked("payload", text, tmp_path)
+    assert printed["didim check free.toml"] == "free: nothing found.\n"
+    fits = [
+        out for command, out in printed.items() if command.startswith(("didim identify", "didim payload"))
+    ]
+    assert [ends_sound(out) for out in fits] == [True, True, True]
+    fit = didim.Identification.load(tmp_path / "payload" / "fit.json")
+    assert f"relative error is {100.0 * fit.overall_relative_error:.3f} %" in text
+    rows = tables(page)[" estimate 95 % low"]
+    shown = [line for line in fits[1].splitlines() if line.startswith(("mass ", "centre "))][:4]
+    assert len(rows) == len(shown) == 4
+    for row, line in zip(rows, shown, strict=True):
+        estimate, low, high, truth = map(float, row[1:])
+        found = [float(cell) for cell in (line.split()[-4], *line.split()[-2:])]
+        assert found == pytest.approx([estimate, low, high], abs=6e-4 if row[0].startswith("mass") else 0.06)
+        assert low <= truth <= high
+    further = didim.Identification.load(tmp_path / "payload" / "both.json").further
+    assert further is not None
+    assert f"a mass of {further.values[further.names.index('M')]:.3f} kg" in words(page)
+    exported = (tmp_path / "payload" / "tx40_gripper.xml").read_text(encoding="utf-8")
+    assert exported.count("<joint ") == 6
+
+
+@pytest.mark.slow
+def test_two_methods_and_two_encoders(project: Path, tmp_path: Path) -> None:
+    page = project / "docs" / "studies.md"
+    text = page.read_text(encoding="utf-8").partition("## The file")[0]
+    printed = walked("study", text, tmp_path)
+    *_, check, identify = printed.values()
+    assert check == "log: nothing found.\n"
+    assert ends_sound(identify)
+    assert float(re.findall(r"^fit .* (\S+)$", identify, flags=re.MULTILINE)[0]) == pytest.approx(
+        float(re.findall(r"relative error is (\S+) %", text)[0]), abs=0.002
+    )
+    first, again, *_ = printed.values()
+    assert "80 runs, 0 failed" in first
+    found: dict[tuple[float, str], list[float]] = {}
+    for block in again.split("measurement.position_noise_rad = ")[1:]:
+        for method, bias, rms in re.findall(
+            r"^  (\S+) +(\S+) \[\S+ \S+ +(\S+) \[", block, flags=re.MULTILINE
+        ):
+            found[float(block.split()[0]), method] = [float(bias), float(rms)]
+    rows = tables(page)["encoder noise (rad) method bias"]
+    assert len(rows) == len(found) == 4
+    for noise, method, bias, rms in rows:
+        assert found[float(noise), method.lower()] == pytest.approx([float(bias), float(rms)], abs=0.02)
+    # What the page concludes: the regression along measured positions is biased by the coarse encoder alone.
+    assert found[1e-3, "idim-ls"][0] > 2.0 * max(found[1e-3, "didim"][0], found[1e-5, "idim-ls"][0])

@@ -56,9 +56,9 @@ def test_ten_commands(
     folder: Path, text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
-    example, *ten = commands(text)
+    example, logs, *ten = commands(text)
     assert len(ten) == 10
-    assert example_commands("ur10e") == ["python make_logs.py", *ten]
+    assert example_commands("ur10e") == [logs, *ten]
     assert example == "didim example ur10e"
     robot, base, init, check, identify, init_other, validate, urdf, mjcf, again = ten
     run(robot)

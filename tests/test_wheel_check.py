@@ -84,6 +84,46 @@ def test_a_command_runs_in_its_folder_and_must_end_well(check: ModuleType, tmp_p
         check.succeed(here, tmp_path, environment, ["sh", "-c", "exit 3"])
 
 
+@pytest.mark.parametrize("failure", ["", "no such thing\nno wheel of it for this processor"])
+def test_examples_that_need_an_extra_come_last(
+    check: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    failure: str,
+) -> None:
+    readmes = {"a_arm": "pip install 'didim[some]'", "b_arm": "nothing", "c_arm": "nothing"}
+    done: list[str] = []
+
+    def succeed(place: object, folder: Path, environment: object, words: list[str]) -> str:
+        if words == ["didim", "example"]:
+            return "".join(f"{name}  a title\n" for name in readmes)
+        if words[:2] == ["didim", "example"]:
+            (tmp_path / words[2]).mkdir()
+            (tmp_path / words[2] / "README.md").write_text(readmes[words[2]])
+            return f"files\n\ncd {words[2]}\none\ntwo\n"
+        done.append(f"{folder.name} {words[-1]}")
+        return ""
+
+    def installation(place: object, python: Path, package: str) -> str:
+        done.append(package)
+        return failure
+
+    monkeypatch.setattr(check, "succeed", succeed)
+    monkeypatch.setattr(check, "installation", installation)
+    check.run_examples(check.Place.named("python3"), tmp_path, {}, Path("python3"), Path("/didim.whl"))
+    assert done[:5] == ["b_arm one", "b_arm two", "c_arm one", "c_arm two", "/didim.whl[some]"]
+    assert done[5:] == ([] if failure else ["a_arm one", "a_arm two"])
+    printed = capsys.readouterr().out.splitlines()
+    if failure:
+        assert printed[-1] == (
+            "  a_arm: NOT RUN, pip cannot install didim[some] here: no wheel of it for this processor"
+        )
+    else:
+        assert printed[-1].startswith("  a_arm: 2 commands with didim[some], ")
+    assert list(tmp_path.iterdir()) == []
+
+
 def wheel_with(folder: Path, **files: str) -> Path:
     wheel = folder / "didim-1-x.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
