@@ -24,8 +24,8 @@ FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
 def run(command: str, code: int = 0) -> None:
     program, *arguments = command.split()
     if program == "python":
-        (file,) = arguments
-        runpy.run_path(file, run_name="__main__")
+        (path,) = arguments
+        runpy.run_path(path, run_name="__main__")
         return
     if program == "cat":
         source, sign, target = arguments
