@@ -24,8 +24,8 @@ FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
 def run(command: str, code: int = 0) -> None:
     program, *arguments = command.split()
     if program == "python":
-        (script,) = arguments
-        runpy.run_path(script, run_name="__main__")
+        (path,) = arguments
+        runpy.run_path(path, run_name="__main__")
         return
     if program == "cat":
         source, sign, target = arguments
@@ -181,7 +181,9 @@ def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.slow
-def test_a_gripper_from_two_logs(project: Path, tmp_path: Path) -> None:
+def test_a_gripper_from_two_logs(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = project / "docs" / "payload.md"
     text = page.read_text(encoding="utf-8").partition("## Several logs in one fit")[0]
     printed = walked("payload", text, tmp_path)
@@ -202,9 +204,15 @@ def test_a_gripper_from_two_logs(project: Path, tmp_path: Path) -> None:
         assert low <= truth <= high
     further = didim.Identification.load(tmp_path / "payload" / "both.json").further
     assert further is not None
-    assert f"a mass of {further.values[further.names.index('M')]:.3f} kg" in words(page)
-    exported = (tmp_path / "payload" / "tx40_gripper.xml").read_text(encoding="utf-8")
-    assert exported.count("<joint ") == 6
+    assert f"a mass of {further.values[further.names.index('gripper.M')]:.3f} kg" in words(page)
+    monkeypatch.chdir(tmp_path / "payload")
+    capsys.readouterr()
+    run("didim export both.json --mjcf --payload none -o tx40.xml")
+    with_gripper, without = (
+        float(re.findall(r"^link6 +(\S+)", out, flags=re.MULTILINE)[0])
+        for out in ([*printed.values()][-1], capsys.readouterr().out)
+    )
+    assert with_gripper - without == pytest.approx(0.8, abs=0.01)
 
 
 @pytest.mark.slow

@@ -16,12 +16,10 @@ from didim.robot.payload import flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
 
 FOLDER = Path(__file__).parent
-MASS_KG = 0.8
-"""Mass of the gripper."""
-CENTRE_M = (0.02, -0.01, 0.07)
-"""Centre of the gripper in the frame of the flange."""
+MASS_KG, CENTRE_M = 0.8, (0.02, -0.01, 0.07)
+"""Mass of the gripper, and its centre in the frame of the flange."""
 MOMENTS_KG_M2 = (0.0015, 0.0012, 0.0008)
-"""Principal moments of the gripper about the centre, along the axes of the flange."""
+"""Its principal moments about the centre, along the axes of the flange."""
 
 
 def write_logs(folder: Path) -> None:
