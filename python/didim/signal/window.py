@@ -152,7 +152,7 @@ def windows_of(
     delay : float or sequence of float
         Delay of the recorded torque (samples), by which it is moved back: of all joints, or of each.
     hold_s : float
-        Sample time (s) of a digital controller whose hold is compensated along measured motion (`hold_samples`).
+        Sample time (s) of a digital controller whose hold is compensated (`hold_samples`).
     spans : sequence of (start, stop), optional
         Samples of the windows; those of the recording by default.
     loop : callable, optional
@@ -175,11 +175,13 @@ def windows_of(
     measured = (
         None if along == "simulated" and not recording.has_positions else recording.measured_positions()
     )
-    shift, step = delay, None
-    if along == "measured":
-        hold = hold_samples(hold_s, recording.rate_hz)
-        shift = tuple(each - hold for each in delay) if isinstance(delay, Sequence) else delay - hold
-        step = None if recording.dq is not None or measured is None else encoder_step(measured)
+    hold = hold_samples(hold_s, recording.rate_hz)
+    shift = tuple(each - hold for each in delay) if isinstance(delay, Sequence) else delay - hold
+    step = (
+        None
+        if along != "measured" or recording.dq is not None or measured is None
+        else encoder_step(measured)
+    )
     made = []
     for count, span in enumerate(recording.windows if spans is None else spans):
         cut, where = slice(*span), f"recording '{recording.name}'"
