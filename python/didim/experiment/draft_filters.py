@@ -2,8 +2,8 @@
 
 The bandwidth is that of the reference, or without one that of the positions, up to the frequency at which their velocity
 disappears in the noise by time stamps and encoder. Three cut-offs around it are then compared by the torques that IDIM-LS
-predicts for every other block of time. Errors are relative errors of all joints together, as those of a result. Tested in
-``tests/test_init_filters.py``.
+predicts for every other block of time, each joint relative to its own torques. The error of the fit is that of a result, of all
+joints together. Tested in ``tests/test_init_filters.py``.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
-    reason = f"{moves}; held-out torque error {left} % at {tried} Hz"
+    reason = f"{moves}; held-out torque error, mean of joints, {left} % at {tried} Hz"
     chosen = signal(cutoff, cutoff)
     return Filters(chosen, reason, errors, relative_error(robot, recordings, chosen))
 
@@ -215,7 +215,10 @@ def _relative_error(robot: Robot, parts: Sequence[Window], signal: SignalProcess
 
 
 def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing) -> float | None:
-    """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None."""
+    """Return the torque error on every other block, by IDIM-LS on the blocks between, or None.
+
+    It is the root mean square of the joints' relative errors: large joints alone would choose a cut-off that wrists cannot use.
+    """
     try:
         parts = [part for recording in recordings for part in windows_of(recording, signal)]
         system = linear_system(robot, parts, signal, select(robot, {}, ()))
@@ -226,9 +229,9 @@ def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: Signa
         rows = block.rows.stop - block.rows.start
         held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
     residual = system.y - system.w @ _solution(system, ~held)
-    error, size = (float(np.linalg.norm(values[held])) for values in (residual, system.y))
-    share = error / max(size, np.finfo(float).tiny)
-    return share if math.isfinite(share) else None
+    error, size = (system.norms(np.where(held, values, 0.0)) for values in (residual, system.y))
+    shares = error / np.maximum(size, np.finfo(float).tiny)
+    return float(np.sqrt(np.mean(shares**2))) if np.isfinite(shares).all() else None
 
 
 def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
