@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 import didim
 from didim.methods.method import Method
-from didim.regression.linear_system import LinearSystem
 from didim.regression.solver import SOLVERS, solver_of
 from didim.studies.simulated_log import measured
+from didim.terms.rows import LinearSystem
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def left_out(experiment: didim.Experiment) -> None:
     for name in SOLVERS:
         if name == "consistent":
             continue
-        solve = solver_of(name, job.robot, job.selection)
+        solve = solver_of(name, job.model)
         squares = 0.0
         for start, stop in pairwise(edges):
             index = np.arange(n)

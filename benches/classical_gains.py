@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim.regression.gains.currents import Currents
-from didim.regression.linear_system import LinearSystem
+from didim.terms.rows import LinearSystem
 
 Array = NDArray[np.float64]
 

@@ -34,11 +34,11 @@ from didim.plot.style import CYCLE, MEASURED, MODEL, new_figure, plain_ticks, st
 from didim.regression.friction.choice import choose_terms
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem, linear_system, torque_rows
-from didim.regression.selection import select
 from didim.result.iteration import Reporter
 from didim.signal.noise import encoder_step
 from didim.signal.processing import SignalProcessing
+from didim.terms.model import Model, torques
+from didim.terms.rows import LinearSystem
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
@@ -74,7 +74,6 @@ def fitted(experiment: didim.Experiment, auto: bool) -> tuple[didim.Robot, Array
     """Return the robot with its friction, its base parameters, and the terms that were chosen."""
     job = didim.IDIMLS().job(experiment)
     parts = job.parts("fit", job.delay())
-    chosen = (dict(job.fixed), job.dropped)
 
     def solved(system: LinearSystem) -> tuple[Array, Array]:
         fit = solve(system, replace(job.settings, uncertainty="white"))
@@ -83,9 +82,9 @@ def fitted(experiment: didim.Experiment, auto: bool) -> tuple[didim.Robot, Array
     robot = experiment.robot
     if auto:
         steps = [encoder_step(one.measured_positions()) for one in experiment.recordings if one.role == "fit"]
-        choice = choose_terms(robot, parts, job.signal, chosen, solved, np.max(steps, axis=0))
+        choice = choose_terms(job.model, parts, job.signal, solved, np.max(steps, axis=0))
         robot = robot.with_terms(choice.friction.terms)
-    found = settled(robot, parts, job.signal, chosen, solved)
+    found = settled(job.model.with_robot(robot), parts, job.signal, solved)
     return found.robot, found.beta, " ".join(term.parameter for term in found.robot.friction.terms)
 
 
@@ -98,7 +97,7 @@ def errors(
     rigid = np.array([not name.startswith(("F", "Rest", "Off")) for name in robot.base_parameters.names])
     beta = beta.copy()
     for _ in range(FITS if refit else 1):
-        system = linear_system(robot, parts, job.signal, select(robot, {}, ()), beta)
+        system = Model(robot).rows(parts, job.signal, beta)
         if refit:
             rest, scale = system.y - system.w[:, ~rigid] @ beta[~rigid], np.ones(system.y.size)
             for _ in range(FITS):
@@ -121,7 +120,7 @@ def in_parts(experiment: didim.Experiment, parts: int, auto: bool) -> tuple[floa
     experiment = replace(experiment, signal=Cut.of(experiment.signal))
     Cut.rows = slice(None)
     job = didim.IDIMLS().job(experiment)
-    total = torque_rows(job.parts("fit"), job.signal).size // experiment.robot.n_dof
+    total = sum(torques(part, job.signal).shape[1] for part in job.parts("fit"))
     edges = np.linspace(0, total, parts + 1).round().astype(int)
     missed, torque, names = [], [], []
     for k in range(parts):
@@ -209,7 +208,7 @@ def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> tuple
     estimates = []
     for log in logs:
         job = didim.IDIMLS().job(log)
-        total = torque_rows(job.parts("fit"), job.signal).size // robot.n_dof
+        total = sum(torques(part, job.signal).shape[1] for part in job.parts("fit"))
         for start, stop in pairwise(np.linspace(0, total, parts + 1).round().astype(int)):
             Cut.rows = np.arange(start, stop)
             robot = fitted(log, True)[0] if terms == "auto, own laws" else robot
@@ -276,7 +275,7 @@ def staged(experiment: didim.Experiment) -> Iterator[tuple[str, Array, Array, Ar
     for name, laws in STAGES.items():
         terms = [term for term in chosen.friction.terms if term.law in laws]
         robot, beta, _ = fitted(replace(experiment, robot=experiment.robot.with_terms(terms)), False)
-        system = linear_system(robot, parts, replace(job.signal, decimation=()), select(robot, {}, ()), beta)
+        system = Model(robot).rows(parts, replace(job.signal, decimation=()), beta)
         own = np.array([column.startswith(("F", "Rest", "Off")) for column in system.names])
         friction, rigid = (system.w[:, part] @ beta[part] for part in (own, ~own))
         found = (system.y - friction - rigid, friction, system.y - rigid)

@@ -33,13 +33,12 @@ from didim.log.recording import Recording
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.tuning import mean_inertia
 from didim.regression import least_squares
-from didim.regression.block import stacked
-from didim.regression.linear_system import LinearSystem
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.placement import Mount
 from didim.robot.robot import Geometry, Robot
 from didim.signal.processing import SignalProcessing
 from didim.studies.simulated_log import measured as with_noise
+from didim.terms.rows import LinearSystem, stacked
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from robots import make_robot, random_motion, random_parameters

@@ -33,9 +33,10 @@ from didim.regression.consistent.problem import ConstrainedProblem, Simulability
 from didim.regression.consistent.solver import triangle_of
 from didim.regression.fit import Fit, Progress
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
-from didim.regression.selection import Selection, select
 from didim.regression.settings import LeastSquaresSettings
+from didim.terms.model import Model
+from didim.terms.rows import LinearSystem
+from didim.terms.unknown import Unknowns
 
 Array = NDArray[np.float64]
 
@@ -151,7 +152,7 @@ def random_problems(count: int, seed: int = 0) -> Iterator[Problem]:
         gamma = float(rng.choice(GAMMAS))
         prior = scaled(generic_prior(robot), float(rng.choice([0.1, 1.0, 1.0, 10.0])))
         chosen = simulability(rng, robot.n_dof)
-        problem = ConstrainedProblem(robot, select(robot, {}, ()), prior, gamma, None, chosen)
+        problem = ConstrainedProblem(Model(robot), prior, gamma, None, chosen)
         step = "" if chosen is None else f", steps of {chosen.step_s:g} s"
         yield Problem(
             f"random {number}: {label}, gamma {gamma:g}{step}", problem, *weighted(w, y, robot.n_dof)
@@ -162,9 +163,9 @@ def random_problems(count: int, seed: int = 0) -> Iterator[Problem]:
 class Seen:
     """A solver that keeps the systems that it is given."""
 
-    found: list[tuple[didim.Robot, Selection, LinearSystem]]
+    found: list[tuple[didim.Robot, Unknowns, LinearSystem]]
 
-    def for_robot(self, robot: didim.Robot, selection: Selection) -> Callable[..., Fit]:
+    def for_robot(self, robot: didim.Robot, selection: Unknowns) -> Callable[..., Fit]:
         """Return the solver for a robot."""
 
         def seen(
@@ -176,7 +177,7 @@ class Seen:
         return seen
 
 
-def real_logs(data: Path) -> Iterator[tuple[str, didim.Robot, Selection, Array, Array]]:
+def real_logs(data: Path) -> Iterator[tuple[str, didim.Robot, Unknowns, Array, Array]]:
     """Return rows (n, samples, b) and torques (n, samples) of the public logs."""
     for name, folder in (("tx40_log_best", "tx40"), ("emps", "emps"), ("ur10e_currents", "ur10e")):
         experiment = didim.load_experiment(EXAMPLES / f"{name}.toml", data=data / folder)
@@ -186,14 +187,14 @@ def real_logs(data: Path) -> Iterator[tuple[str, didim.Robot, Selection, Array, 
             experiment = replace(experiment, recordings=(recording.with_gains(np.array(known)),))
         seen = Seen([])
         didim.identify(experiment, didim.IDIMLS(solver=seen, compensate_samples=0))
-        robot, selection, system = seen.found[-1]
+        robot, unknowns, system = seen.found[-1]
         n = robot.n_dof
-        yield folder, robot, selection, system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1)
+        yield folder, robot, unknowns, system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1)
 
 
 def real_problems(data: Path) -> Iterator[Problem]:
     """Return problems of the public logs: parts, priors, weights, conditions, reversed torques."""
-    for name, robot, selection, w, y in real_logs(data):
+    for name, robot, unknowns, w, y in real_logs(data):
         n, samples = y.shape
         parts = {"whole": (0, samples)}
         parts |= {f"third {k + 1}": (k * samples // 3, (k + 1) * samples // 3) for k in range(3)}
@@ -207,7 +208,9 @@ def real_problems(data: Path) -> Iterator[Problem]:
             for gamma in GAMMAS:
                 prior = scaled(generic_prior(robot), float(rng.choice([0.1, 1.0, 1.0, 10.0])))
                 chosen = simulability(rng, n)
-                problem = ConstrainedProblem(robot, selection, prior, gamma, None, chosen)
+                problem = ConstrainedProblem(
+                    Model(robot, roles=unknowns.assigned), prior, gamma, None, chosen
+                )
                 step = "" if chosen is None else f", steps of {chosen.step_s:g} s"
                 wrong = "" if fault is None else f", torque {fault + 1} reversed"
                 noise = float(rng.choice([0.0, 1.0])) * rng.normal(size=right.shape)

@@ -23,9 +23,7 @@ import didim
 from didim.log.recording import Recording
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem, linear_system
 from didim.regression.logs.drift import differences, drifts
-from didim.regression.logs.parameters import LogParameters
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
@@ -34,6 +32,9 @@ from didim.signal.processing import SignalProcessing
 from didim.signal.window import Window
 from didim.studies.loads.payload import identify_payload
 from didim.studies.loads.residual import residual_torques
+from didim.terms.build import model_of
+from didim.terms.model import Model
+from didim.terms.rows import LinearSystem
 
 Array = NDArray[np.float64]
 
@@ -78,9 +79,7 @@ def tx40() -> tuple[Robot, Array]:
     return robot, robot.parameter_set("didim")
 
 
-def two_logs(
-    robot: Robot, x: Array, drives: Array, speed: float = 1.0
-) -> tuple[LinearSystem, LogParameters, Array]:
+def two_logs(robot: Robot, x: Array, drives: Array, speed: float = 1.0) -> tuple[LinearSystem, Model, Array]:
     """System of two motions, the second with the load; its torques without noise, and all true parameters but the gains."""
     frame = flange_in_last_frame(robot)
     loaded = x + last_link(robot, frame) @ LOAD
@@ -93,8 +92,8 @@ def two_logs(
         parts.append(
             Window(name=payload, place=payload, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number)
         )
-    parameters = LogParameters.of(robot, recordings, {"load": Payload(name="load", mass_kg=3.0)})
-    system = linear_system(robot, parts, SIGNAL, parameters.select({}, ()), logs=parameters)
+    parameters = model_of(robot, recordings, {"load": Payload(name="load", mass_kg=3.0)})
+    system = parameters.rows(parts, SIGNAL)
     return system, parameters, np.concatenate([robot.base_parameters.project(x), LOAD[:9]])
 
 
@@ -273,12 +272,9 @@ def logs(options: argparse.Namespace) -> None:
                 name=item.name, place=item.name, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number
             )
         )
-    own = LogParameters.of(robot, items, payloads)
-    shared = LogParameters.of(robot, [replace(item, own=()) for item in items], payloads)
-    system, without = (
-        linear_system(robot, parts, SIGNAL, parameters.select({}, ()), logs=parameters)
-        for parameters in (own, shared)
-    )
+    own = model_of(robot, items, payloads)
+    shared = model_of(robot, [replace(item, own=()) for item in items], payloads)
+    system, without = (parameters.rows(parts, SIGNAL) for parameters in (own, shared))
     truth = np.concatenate([robot.base_parameters.project(x), LOAD, *OFFSETS[1:]])
     scores, reported, false_alarms, sentence = [], 0, 0, ""
     names = [item.name for item in items]

@@ -118,7 +118,7 @@ def controls(draws: int) -> None:
             fit = solve(noisy, job.settings)
             for kind, found in ratios.items():
                 settings = replace(job.settings, uncertainty=kind)  # type: ignore[arg-type]
-                spread = spread_of_fit(noisy, fit, settings, job.selection)
+                spread = spread_of_fit(noisy, fit, settings, job.model.unknowns)
                 assert spread.uncertainty is not None
                 found.append((fit.solution - truth) / np.sqrt(np.diag(spread.covariance)))
                 factors[kind].append(student_factor(0.95, spread.uncertainty.degrees_of_freedom))
@@ -146,7 +146,7 @@ def chance(name: str, pieces: Sequence[didim.Experiment], draws: int) -> None:
                 kept = decimate(noise, decimation_stages(len(part.tau), job.signal))[job.signal.kept_rows]
                 noisy = replace(system, y=kept.T.ravel(), known=None)
                 fit = solve(noisy, job.settings)
-                spread = spread_of_fit(noisy, fit, job.settings, job.selection)
+                spread = spread_of_fit(noisy, fit, job.settings, job.model.unknowns)
                 estimates.append((fit.solution, np.diag(spread.covariance)))
             z = np.concatenate([(a - b) / np.sqrt(c + d) for (a, c), (b, d) in combinations(estimates, 2)])
             found.append(np.sqrt(np.mean(z**2)))
@@ -184,7 +184,7 @@ def cost(experiment: didim.Experiment) -> None:
     times = []
     for _ in range(9):
         start = time.process_time()
-        spread_of_fit(system, fit, job.settings, job.selection)
+        spread_of_fit(system, fit, job.settings, job.model.unknowns)
         times.append(time.process_time() - start)
     a, y = system.w * fit.weights[:, None], system.y * fit.weights
     blocks = [item.rows for item in intervals(system.blocks)]

@@ -15,8 +15,8 @@ import numpy as np
 
 from didim.regression.fit import Fit, Progress
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
 from didim.regression.settings import LeastSquaresSettings
+from didim.terms.rows import LinearSystem
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,13 @@ from didim.regression.consistent.bounds import Bounds
 from didim.regression.consistent.prior import Prior, generic_prior, prior_of
 from didim.regression.consistent.problem import ConstrainedProblem
 from didim.regression.consistent.solver import Consistent
-from didim.regression.selection import select
 from didim.studies.simulated_log import simulated_log
+from didim.terms.model import Model
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
 
 ROBOT = didim.load_robot("tx40")
-NOTHING = select(ROBOT, {}, ())
+MODEL = Model(ROBOT)
 PRIOR = Prior(
     "masses", tuple(np.diag([0.01 * m] * 3 + [m]) for m in (8.0, 5.0, 4.0, 3.0, 1.0, 0.3)), np.ones(6)
 )
@@ -46,7 +46,7 @@ def test_the_physical_set_of_the_tx40_is_a_robot_and_table_ii_is_not() -> None:
 def test_a_feasible_estimate_with_a_vanishing_prior_comes_back() -> None:
     x = ROBOT.parameter_set("didim_physical")
     beta, root = ROBOT.base_parameters.project(x), metric()
-    solved = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 0.0).solve(root, root @ beta)
+    solved = ConstrainedProblem(MODEL, PRIOR, 0.0).solve(root, root @ beta)
     assert solved.ending == "solved"
     assert np.abs(root @ (ROBOT.base_parameters.project(solved.x) - beta)).max() < 0.02
 
@@ -54,7 +54,7 @@ def test_a_feasible_estimate_with_a_vanishing_prior_comes_back() -> None:
 def test_infeasible_estimates_become_robots_and_draws_have_the_same_bits() -> None:
     root = metric()
     beta = ROBOT.set_base("didim")
-    problem = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2)
+    problem = ConstrainedProblem(MODEL, PRIOR, 1e-2)
     right = root @ beta + np.random.default_rng(1).normal(size=(5, len(beta)))
     solved = problem.solve_many(root, right, threads=1)
     again = problem.solve_many(root, right, threads=2)
@@ -66,11 +66,12 @@ def test_infeasible_estimates_become_robots_and_draws_have_the_same_bits() -> No
 
 
 def test_fixed_and_dropped_parameters_keep_their_values() -> None:
-    selection = select(ROBOT, {"ZZ1R": 1.3}, ("Off2", "Fc3"))
-    root = metric()[: len(selection.estimated), : len(selection.estimated)]
+    model = MODEL.choosing({"ZZ1R": 1.3}, ("Off2", "Fc3"))
+    estimated = model.unknowns.estimated
+    root = metric()[: len(estimated), : len(estimated)]
     beta = ROBOT.set_base("didim_physical")
-    problem = ConstrainedProblem(ROBOT, selection, PRIOR, 1e-2)
-    found = ROBOT.base_parameters.project(problem.solve(root, root @ beta[selection.estimated]).x)
+    problem = ConstrainedProblem(model, PRIOR, 1e-2)
+    found = ROBOT.base_parameters.project(problem.solve(root, root @ beta[estimated]).x)
     names = ROBOT.base_parameters.names
     assert found[names.index("ZZ1R")] == pytest.approx(1.3, abs=1e-12)
     assert found[names.index("Off2")] == found[names.index("Fc3")] == 0.0
@@ -84,11 +85,11 @@ def test_bounds_are_met_and_contradictions_are_named() -> None:
         ellipsoids={4: ((0.0, 0.0, 0.0), (0.3, 0.3, 0.3))},
     )
     root, beta = metric(), ROBOT.set_base("didim")
-    x = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, bounds).solve(root, root @ beta).x
+    x = ConstrainedProblem(MODEL, PRIOR, 1e-2, bounds).solve(root, root @ beta).x
     assert violations([*conditions_of(ROBOT), *bounds.cones(ROBOT)], x) == []
     wrong = Bounds(masses={6: (5.0, 6.0)}, total_mass=(1.0, 2.0))
     with pytest.raises(didim.errors.FitError, match="no parameters meet all conditions"):
-        ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, wrong).solve(root, root @ beta)
+        ConstrainedProblem(MODEL, PRIOR, 1e-2, wrong).solve(root, root @ beta)
     with pytest.raises(didim.errors.FitError, match="no link 9"):
         Bounds(masses={9: (0.0, 1.0)}).cones(ROBOT)
 
@@ -146,7 +147,7 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     fit = didim.identify(experiment, didim.IDIMLS(uncertainty="decimated"))
     root = np.linalg.cholesky(np.linalg.inv(fit.covariance)).T
     for gamma, distance in ((0.0, 6.697), (1e-4, 6.699), (1e-2, 6.798)):
-        solved = ConstrainedProblem(experiment.robot, NOTHING, PRIOR, gamma).solve(root, root @ fit.beta)
+        solved = ConstrainedProblem(Model(experiment.robot), PRIOR, gamma).solve(root, root @ fit.beta)
         assert solved.half_distance == pytest.approx(distance, abs=1e-3)
         assert solved.iterations <= 20
     near = fit.consistent(draws=40)

@@ -16,10 +16,10 @@ from didim.errors import FitError
 from didim.methods.method import Method
 from didim.regression.consistent.prior import generic_prior
 from didim.regression.consistent.problem import FRICTION_WEIGHT, ConstrainedProblem, Simulability
-from didim.regression.logs.parameters import LogParameters
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
 from didim.studies.simulated_log import simulated_log
+from didim.terms.build import model_of
 from test_solver import KnowsTheRobot
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
@@ -90,9 +90,9 @@ def test_robot_and_load_are_bodies_in_every_method(noisy: Experiment, method: Me
     # The friction of each log dissipates.
     job = didim.DIDIM().job(noisy)
     assert fit.further is not None
-    x = job.parameters.extended(fit.parameters, fit.further.by_name)
+    x = job.model.extended(fit.parameters, fit.further.by_name)
     for recording in (0, 1):
-        assert violations(drive_cones(ROBOT), job.parameters.standard(x, recording)) == []
+        assert violations(drive_cones(ROBOT), job.model.standard(x, recording)) == []
 
 
 @pytest.mark.slow
@@ -111,21 +111,20 @@ def problem_of(own: tuple[str, ...], simulability: Simulability | None = None) -
     """The problem of the two logs, without a log."""
     experiment = two_logs(1.0)
     recordings = (experiment.recordings[0], replace(experiment.recordings[1], own=own))
-    logs = LogParameters.of(ROBOT, recordings, experiment.payloads)
+    model = model_of(ROBOT, recordings, experiment.payloads)
     prior = generic_prior(ROBOT)
-    return ConstrainedProblem(ROBOT, logs.select({}, ()), prior, 1e-6, None, simulability, logs)
+    return ConstrainedProblem(model, prior, 1e-6, None, simulability)
 
 
 def test_friction_of_a_recording_is_bounded_with_that_of_the_robot() -> None:
     """Targets whose sums are negative: each ends where both conditions hold, the nearest in a metric that knows them equally."""
     problem = problem_of(("friction",))
-    logs = problem.logs
-    assert logs is not None
+    logs = problem.model
     x = np.append(ROBOT.parameter_set("didim_physical"), np.zeros(logs.n_further))
     x[ROBOT.parameter_names.index("Fv1")] = 2.0
-    place = len(ROBOT.parameter_names) + logs.further_names.index("loaded.Fv1")
+    place = len(ROBOT.parameter_names) - logs.n_base + logs.unknowns.names.index("loaded.Fv1")
     x[place] = -5.0
-    root = 1e3 * np.eye(len(logs.names))
+    root = 1e3 * np.eye(len(logs.unknowns.names))
     found = problem.solve(root, root @ logs.project(x)).x
     first, second = (logs.standard(found, recording) for recording in (0, 1))
     fv = ROBOT.parameter_names.index("Fv1")
@@ -140,13 +139,12 @@ def test_friction_of_a_recording_is_bounded_with_that_of_the_robot() -> None:
 def test_friction_that_cancels_leaves_a_curvature() -> None:
     """Robot and recording may round to a friction of exactly zero, on the boundary of their condition."""
     problem = problem_of(("friction",))
-    logs = problem.logs
-    assert logs is not None
+    logs = problem.model
     x = problem.start.copy()
     x[ROBOT.parameter_names.index("Fc1")] = 5.0
-    x[len(ROBOT.parameter_names) + logs.further_names.index("loaded.Fc1")] = -5.0
+    x[len(ROBOT.parameter_names) + logs.unknowns.names[logs.n_base :].index("loaded.Fc1")] = -5.0
     assert np.isfinite(problem.marginal(x)).all()
-    assert np.isfinite(problem.covariance(1e3 * np.eye(len(logs.names)), x)).all()
+    assert np.isfinite(problem.covariance(1e3 * np.eye(len(logs.unknowns.names)), x)).all()
 
 
 def test_rates_are_bounded_with_the_friction_of_each_recording() -> None:

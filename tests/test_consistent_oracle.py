@@ -15,9 +15,9 @@ from didim import Robot
 from didim.model.consistency import places_of
 from didim.regression.consistent.prior import generic_prior
 from didim.regression.consistent.problem import ConstrainedProblem
-from didim.regression.selection import select
 from didim.robot.rigid_body import INERTIAL
 from didim.studies.simulated_log import simulated_log
+from didim.terms.model import Model
 
 clarabel = pytest.importorskip("clarabel")
 sparse = pytest.importorskip("scipy.sparse")
@@ -77,7 +77,7 @@ def bounds_of_clarabel(problem: ConstrainedProblem, root: Array, beta: Array) ->
 
 def assert_optimal(robot: Robot, root: Array, beta: Array, expected: float) -> None:
     """The core's point meets every condition, and is as good as any: no digits of another solver are looked at."""
-    problem = ConstrainedProblem(robot, select(robot, {}, ()), generic_prior(robot), 0.0)
+    problem = ConstrainedProblem(Model(robot), generic_prior(robot), 0.0)
     solved = problem.solve(root, root @ beta)
     assert solved.ending == "solved"
     assert violations(problem.conditions, solved.x, tolerance=0.0) == []

@@ -18,7 +18,7 @@ from didim.model.drive_cones import Drives, simulable_cones
 from didim.model.dynamics import inertia_matrix
 from didim.regression.consistent.prior import generic_prior
 from didim.regression.consistent.problem import LEAST_WEIGHT, Constrained, ConstrainedProblem, Simulability
-from didim.regression.selection import select
+from didim.terms.model import Model
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def problem_of(
     robot: Robot, rng: np.random.Generator, gamma: float, noise: float
 ) -> tuple[ConstrainedProblem, Array, Array]:
     """A problem whose estimate is that of a random robot, moved by some noise."""
-    problem = ConstrainedProblem(robot, select(robot, {}, ()), generic_prior(robot), gamma)
+    problem = ConstrainedProblem(Model(robot), generic_prior(robot), gamma)
     b = len(robot.base_parameters.names)
     root = np.linalg.qr(rng.normal(size=(4 * b, b)))[1] * np.exp(rng.uniform(2.0, 5.0))
     truth = problem.start * np.exp(0.1 * rng.normal(size=len(problem.start)))
@@ -190,9 +190,7 @@ def test_rates_of_feasible_robots_are_below_the_bound_in_every_pose(
     n, rate = robot.n_dof, 1.5
     damping, v = rng.uniform(0.0, 5.0, n), robot.friction.smoothing
     wanted = Simulability(step, rate, tuple(damping), tuple(v))
-    problem = ConstrainedProblem(
-        robot, select(robot, {}, ()), generic_prior(robot), 1e-2, simulability=wanted
-    )
+    problem = ConstrainedProblem(Model(robot), generic_prior(robot), 1e-2, simulability=wanted)
     b = len(robot.base_parameters.names)
     root = np.linalg.qr(rng.normal(size=(4 * b, b)))[1] * 30.0
     truth = problem.start * np.exp(0.3 * rng.normal(size=len(problem.start)))

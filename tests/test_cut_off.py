@@ -12,9 +12,9 @@ import didim
 from didim.experiment.experiment import Experiment
 from didim.methods.identify import identify
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem, linear_system
-from didim.regression.selection import select
 from didim.studies.simulated_log import measured
+from didim.terms.model import Model
+from didim.terms.rows import LinearSystem
 from planted import tx40_exact
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
@@ -41,7 +41,7 @@ def filtered(log: Experiment, cutoff_hz: float) -> Experiment:
 def system(log: Experiment, cutoff_hz: float) -> LinearSystem:
     experiment = filtered(log, cutoff_hz)
     parts = didim.windows(experiment)
-    return linear_system(experiment.robot, parts, experiment.signal, select(experiment.robot, {}, ()))
+    return Model(experiment.robot).rows(parts, experiment.signal)
 
 
 def bias(log: Experiment, beta: Array, sigma: Array) -> Array:

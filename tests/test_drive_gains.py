@@ -15,9 +15,9 @@ from didim.errors import FitError
 from didim.log.recording import Recording
 from didim.methods.method import MethodSettings
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent
-from didim.regression.linear_system import LinearSystem
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.payload import Payload, last_link
+from didim.terms.rows import LinearSystem
 from scripts import script
 from several import DISC, arm_logs
 

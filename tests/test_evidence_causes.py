@@ -26,11 +26,11 @@ from didim.evidence.lasting import delay_findings
 from didim.evidence.naming import cause_findings, torque_findings
 from didim.evidence.products import BLOCKS
 from didim.evidence.rows import LogRows
-from didim.regression.linear_system import LinearSystem, linear_system
 from didim.result.finding import Finding
 from didim.robot.payload import Payload
 from didim.signal.filters import differentiate
 from didim.studies.simulated_log import measured
+from didim.terms.rows import LinearSystem
 from plain import plain_didim, stub
 from planted import tx40_exact, with_torques
 from several import DISC, arm_logs
@@ -75,7 +75,7 @@ def torques(log: Experiment) -> Array:
 
 def system_of(log: Experiment) -> LinearSystem:
     job = IDIMLS().job(log)
-    return linear_system(job.robot, job.parts("fit"), job.signal, job.selection)
+    return job.model.rows(job.parts("fit"), job.signal)
 
 
 def told(findings: list[Finding] | tuple[Finding, ...]) -> list[Named]:

@@ -15,9 +15,8 @@ from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.products import BLOCKS, REWEIGHTINGS, Products
 from didim.evidence.rows import ROWS, LogRows
 from didim.evidence.screen import Screen
-from didim.regression.linear_system import linear_system
-from didim.regression.selection import select
 from didim.robot.robot import Robot
+from didim.terms.model import Model
 from verdict_arms import ARMS, built
 
 Array = NDArray[np.float64]
@@ -99,7 +98,7 @@ def test_d_of_one_halved_error_is_that_of_a_quarter() -> None:
 
 
 def test_rows_are_those_of_a_fit(rows: LogRows) -> None:
-    system = linear_system(rows.robot, rows.parts, rows.signal, select(rows.robot, {}, ()))
+    system = Model(rows.robot).rows(rows.parts, rows.signal)
     y = system.y.reshape(rows.n, -1)
     thin = max(1, y.shape[1] // ROWS)
     assert 200 < rows.y.shape[1] < 2 * ROWS

@@ -59,7 +59,7 @@ def test_the_residual_is_that_of_the_fit() -> None:
     fit = identify(log)
     job = IDIMLS().job(log)
     parts = job.parts("fit", job.declared_delay)
-    found = residual_of(job.robot, job.parameters, fit.beta, parts, job.signal)
+    found = residual_of(job.robot, job.model, fit.beta, parts, job.signal)
     system = job.system(parts)
     wanted = (system.y - system.w @ fit.beta).reshape(found.error.shape)
     np.testing.assert_allclose(found.error, wanted, atol=1e-9 * np.abs(system.y).max())
@@ -182,7 +182,7 @@ def test_an_estimate_that_is_no_robot_cannot_be_simulated_and_its_nearest_robot_
 
     job = IDIMLS().job(log)
     parts = job.parts("fit", job.declared_delay)
-    residual = residual_of(job.robot, job.parameters, beta, parts, job.signal)
+    residual = residual_of(job.robot, job.model, beta, parts, job.signal)
     bad = replace(fit, beta=beta, parameters=base.lift(beta))
     uses, _ = uses_of(job.robot, bad, parts, residual, job.signal, 1.0)
     assert not uses[0].fit_for

@@ -16,15 +16,14 @@ import friction_logs
 from didim.errors import FitError
 from didim.methods.friction import FoundFriction
 from didim.methods.job import Job
-from didim.regression.block import stacked
 from didim.regression.friction.candidates import Candidate, joints_without_memory, narrowest_memory
 from didim.regression.friction.choice import FrictionChoice, choose_terms
 from didim.regression.friction.screen import Screen
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
 from didim.result.iteration import Reporter
 from didim.robot.friction import FrictionTerm, Law
+from didim.terms.rows import LinearSystem, stacked
 from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
@@ -109,7 +108,7 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
 
     solved = solver(job)
-    choice = choose_terms(job.robot, [part], job.signal, ({}, ()), solved)
+    choice = choose_terms(job.model, [part], job.signal, solved)
     found = {term.parameter: term for term in choice.friction.terms}
     assert {"Hold1", "Fz2"} <= set(found)
     assert len(found) <= 4
@@ -117,7 +116,7 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     assert {gain.parameter for gain in choice.gains} == set(found)
     assert all(gain.gain > 0.0 for gain in choice.gains)
     # The encoder's steps must be ten times finer than the memory.
-    coarse = choose_terms(job.robot, [part], job.signal, ({}, ()), solved, np.array([0.01, 0.01]))
+    coarse = choose_terms(job.model, [part], job.signal, solved, np.array([0.01, 0.01]))
     assert not any(term.law == "dahl" for term in coarse.friction.terms)
     assert coarse.without_memory == {0: pytest.approx(0.1), 1: pytest.approx(0.1)}
     assert choice.without_memory == {}
@@ -226,7 +225,7 @@ def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block(
     tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
     tau += 0.01 * np.random.default_rng(0).standard_normal(tau.shape)
     part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
-    choice = choose_terms(job.robot, [part], job.signal, ({}, ()), solver(job))
+    choice = choose_terms(job.model, [part], job.signal, solver(job))
     assert choice.refused == "extrapolation"
     assert choice.friction.terms == ()
     assert not choice.friction.auto
@@ -366,7 +365,7 @@ def held_out_error(experiment: didim.Experiment) -> float:
 
     solved = solver(job)
     parts = job.parts("fit", job.delay())
-    system = settled(job.robot, parts, job.signal, (dict(job.fixed), job.dropped), solved).system
+    system = settled(job.model, parts, job.signal, solved).system
     scale = solved(system)[1]
     rows = system.joints[0].stop
     time = np.tile(np.arange(rows), len(system.joints))

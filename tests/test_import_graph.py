@@ -21,6 +21,7 @@ FLOORS = (
     ("log",),
     ("loop",),
     ("signal",),
+    ("terms",),
     ("regression",),
     ("solvers",),
     ("experiment",),

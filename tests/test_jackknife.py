@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from didim.regression.block import Block, stacked
 from didim.regression.jackknife import (
     Branches,
     Factors,
@@ -14,7 +13,7 @@ from didim.regression.jackknife import (
     intervals,
     rescaled,
 )
-from didim.regression.linear_system import LinearSystem
+from didim.terms.rows import Block, LinearSystem, stacked
 
 ROWS, COLUMNS, JOINTS = 60, 7, 3
 

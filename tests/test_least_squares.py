@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from didim import _core
 from didim.errors import FitError, RankError
-from didim.regression.block import stacked
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
 from didim.regression.settings import LeastSquaresSettings
 from didim.signal.decimation import decimate, decimation_stages
 from didim.signal.noise import noise_correlation
 from didim.signal.processing import SignalProcessing
+from didim.terms.rows import LinearSystem, stacked
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,9 @@ from didim.experiment.experiment_file import load_experiment
 from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import linear_system
-from didim.regression.selection import select
 from didim.result.identification import Identification
 from didim.signal.processing import Convention, Form
+from didim.terms.model import Model
 from tx40_oracle import RATE_HZ, REDUCTION, Expected, expected
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -95,7 +94,7 @@ def test_emps_diagonal_of_r(project: Path, shared: Path) -> None:
     experiment = load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     signal = replace(experiment.signal, decimation=())
     parts = didim.windows(experiment, signal)
-    system = linear_system(experiment.robot, parts, signal, select(experiment.robot, {}, ()))
+    system = Model(experiment.robot).rows(parts, signal)
     diagonal = 1.0 / np.diag(_core.least_squares(system.w, system.y).inverse_r)
     np.testing.assert_array_equal(np.round(diagonal, 4), [64.1376, 13.9005, 69.1706, 157.4483])
 
@@ -233,6 +232,6 @@ def test_tx40_standstill_decides_the_friction_of_joints_2_and_3(
     still = np.abs(dq) < 1e-7
     assert np.all(still.mean(axis=0)[[1, 2]] > 0.1)
     dq[still] = 1e-7
-    system = linear_system(robot, [replace(part, dq=dq)], experiment.signal, select(robot, {}, ()))
+    system = Model(robot).rows([replace(part, dq=dq)], experiment.signal)
     off = deviations(solve(system, experiment.least_squares).solution, system.names, reference)
     assert min(off[name] for name in DECIDED_BY_ROUNDING) > 4.0

@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import minimize
 
 import didim
-from didim.regression.block import stacked
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
 from didim.regression.classical.solvers import Ridge
 from didim.regression.jackknife import intervals
+from didim.terms.rows import stacked
 
 
 def system(seed: int = 0, rows: int = 200, outliers: int = 0) -> tuple[np.ndarray, ...]:

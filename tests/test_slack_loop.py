@@ -116,7 +116,7 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     problem = Problem(LogSimulator(method, job, Reporter()))
 
     def place(change: Array) -> Solved:
-        x = end.parameters + job.parameters.lift(change)
+        x = end.parameters + job.model.lift(change)
         run = problem.simulator.simulate(x)
         assert isinstance(run, Simulated)
         along = Iterate(x, run, 0)

@@ -15,16 +15,15 @@ from didim import DIDIM, IDIMLS, Status, identify
 from didim.errors import FitError
 from didim.experiment.experiment import Experiment
 from didim.experiment.experiment_file import load_experiment
-from didim.regression.block import by_joint, by_window, stacked
 from didim.regression.fit import Fit, Progress
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
-from didim.regression.selection import Selection
 from didim.regression.settings import LeastSquaresSettings
 from didim.regression.solver import SOLVERS, solver_name
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
 from didim.studies.simulated_log import simulated_log
+from didim.terms.rows import LinearSystem, by_joint, by_window, stacked
+from didim.terms.unknown import Unknowns
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
 
@@ -60,7 +59,7 @@ class Ridge:
 class KnowsTheRobot:
     """A solver that is made for a robot and its estimated parameters."""
 
-    def for_robot(self, robot: Robot, selection: Selection) -> KnownRobot:
+    def for_robot(self, robot: Robot, selection: Unknowns) -> KnownRobot:
         return KnownRobot(robot.n_dof, tuple(robot.base_parameters.names[k] for k in selection.estimated))
 
 

@@ -16,14 +16,13 @@ from didim.cli.main import main
 from didim.log.recording import Recording
 from didim.loop.outcome import SimulationStatus
 from didim.model.kinematics import frames
-from didim.regression.block import stacked
-from didim.regression.linear_system import LinearSystem
 from didim.robot.payload import Payload, payload_columns
 from didim.robot.placement import as_row, carriers, placed
 from didim.robot.rigid_body import pose, turn
 from didim.robot.robot_text import robot_text
 from didim.studies.loads.payload import identify_payload
 from didim.studies.loads.residual import residual_torques
+from didim.terms.rows import LinearSystem, stacked
 from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
 from urdfs import (

@@ -20,8 +20,8 @@ from didim.evidence.residual import Residual, held_out_findings, size_findings, 
 from didim.evidence.rows import Columns
 from didim.evidence.uses import Motions, Spread, _gravity, _uncertain
 from didim.evidence.whiteness import Whiteness, whiteness, whiteness_findings
-from didim.regression.block import Block
 from didim.signal.processing import SignalProcessing
+from didim.terms.rows import Block
 from plain import stub
 
 Array = NDArray[np.float64]

@@ -30,7 +30,6 @@ from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.response import share_moved
 from didim.methods.uncertainty import spread_of_factors
 from didim.model.limbs import Directions
-from didim.regression.block import Block
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
 from didim.regression.consistent.problem import ConstrainedProblem
@@ -38,12 +37,12 @@ from didim.regression.friction.alarm import _freed, friction_alarm
 from didim.regression.friction.velocity import settled
 from didim.regression.jackknife import Factors
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
-from didim.regression.logs.parameters import independent
-from didim.regression.selection import Selection
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.friction import FrictionTerm
 from didim.signal.processing import SignalProcessing
+from didim.terms.rows import Block, LinearSystem
+from didim.terms.share import independent
+from didim.terms.unknown import Unknown, Unknowns
 from plain import stub
 from test_friction_terms import log, parameters, planar
 
@@ -228,7 +227,7 @@ class Held:
         self._curvature, self._moved, self._solved = curvature, moved, 0
         self.drawn: list[int] = []
 
-    def __call__(self, robot: object, selection: object, prior: Any, gamma: float, bounds: object) -> Held:
+    def __call__(self, model: object, prior: Any, gamma: float, bounds: object) -> Held:
         self.gamma = gamma
         return self
 
@@ -259,7 +258,8 @@ def test_a_parameter_from_the_prior(
     prior = Prior("given", (), np.ones(1))
     monkeypatch.setattr(nearest, "prior_of", lambda robot, choice: prior)
     robot = stub(base_parameters=stub(matrix=np.ones((1, 1))))
-    found = nearest.nearest_robot(robot, stub(estimated=[0]), np.zeros(1), np.eye(1), nearest.Nearness())
+    model = stub(own=robot, unknowns=stub(estimated=[0]))
+    found = nearest.nearest_robot(model, np.zeros(1), np.eye(1), nearest.Nearness())
     assert found.identified.tolist() == [identified]
     assert held.drawn == [200]
     assert held.gamma == 0.01
@@ -297,7 +297,7 @@ def test_the_load_of_friction_is_settled_in_twelve_passes() -> None:
     def solved(system: LinearSystem) -> tuple[Array, Array]:
         return np.full(system.w.shape[1], float(next(size))), np.ones(len(system.y))
 
-    assert settled(job.robot, job.parts("fit"), job.signal, ({}, ()), solved).passes == 12
+    assert settled(job.model, job.parts("fit"), job.signal, solved).passes == 12
 
 
 @pytest.mark.parametrize(("variant", "share"), [("literal", 1.0), ("adaptive", 0.25)])
@@ -370,6 +370,6 @@ def test_three_rows_a_parameter_without_a_block(rows: int, rough: bool) -> None:
     w = np.random.default_rng(0).standard_normal((rows, 11))
     found = spread_of_factors(
         Factors.of(w[:, :10], w[:, 10]), np.eye(10), "white", [Block(rows=slice(0, rows), joint=0)], LeastSquaresSettings(),
-        Selection(roles=("estimated",) * 10, values=np.zeros(10)), [f"p{number}" for number in range(10)],
+        Unknowns(tuple(Unknown(name=str(k), unit="") for k in range(10))), [f"p{number}" for number in range(10)],
     )  # fmt: skip
     assert any("the standard deviations are rough" in remark for remark in found.remarks) is rough

@@ -155,8 +155,7 @@ def test_a_fixed_point_is_solved_ten_times_at_most(
 
 
 def _system() -> Any:
-    from didim.regression.block import Block
-    from didim.regression.linear_system import LinearSystem
+    from didim.terms.rows import Block, LinearSystem
 
     return LinearSystem(
         w=np.ones((1, 1)), y=np.zeros(1), names=("a",), blocks=(Block(rows=slice(0, 1), joint=0),)

@@ -31,7 +31,6 @@ from didim.excitation.task import Task
 from didim.methods.didim.convergence import Path, contraction_of
 from didim.methods.didim.globalisation import SecantSteps
 from didim.methods.idim_iv import _sentences
-from didim.regression.block import Block
 from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
 from didim.regression.covariance import autocorrelated
@@ -46,6 +45,7 @@ from didim.regression.logs.load import Load
 from didim.regression.settings import LeastSquaresSettings
 from didim.result.status import Status
 from didim.signal.processing import SignalProcessing
+from didim.terms.rows import Block
 from plain import stub
 
 Array = NDArray[np.float64]

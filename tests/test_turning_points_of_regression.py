@@ -19,7 +19,6 @@ import didim.regression.friction.alarm as alarm
 import didim.regression.friction.screen as screen
 import didim.regression.friction.velocity as velocity
 import didim.regression.gains.maximum_likelihood as maximum_likelihood
-from didim.regression.block import Block, stacked
 from didim.regression.classical.instrumental import instrumented
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior, generic_prior
@@ -29,12 +28,12 @@ from didim.regression.friction.candidates import _offers
 from didim.regression.friction.screen import Screen, _Fold, _solved, _State, _Step, clear
 from didim.regression.gains.maximum_likelihood import expected_sentence
 from didim.regression.least_squares import dependence_sentence, solve
-from didim.regression.linear_system import LinearSystem
 from didim.regression.logs.body import nearest_bodies
 from didim.regression.logs.drift import differences
 from didim.regression.logs.load import _load
 from didim.regression.weights import joint_sigma
 from didim.robot.friction import FrictionTerm
+from didim.terms.rows import Block, LinearSystem, stacked
 from plain import stub
 from test_friction_terms import log, parameters, planar
 from test_turning_points_of_fits import Held
@@ -64,9 +63,8 @@ def test_deviations_of_few_degrees_of_freedom_are_those_of_three(
     monkeypatch.setattr(nearest, "ConstrainedProblem", Held(1.0, 0.0))
     monkeypatch.setattr(nearest, "prior_of", lambda robot, choice: Prior("given", (), np.ones(1)))
     robot = stub(base_parameters=stub(matrix=np.ones((1, 1))))
-    found = nearest.nearest_robot(
-        robot, stub(estimated=[0]), np.zeros(1), np.eye(1), nearest.Nearness(), freedom
-    )
+    model = stub(own=robot, unknowns=stub(estimated=[0]))
+    found = nearest.nearest_robot(model, np.zeros(1), np.eye(1), nearest.Nearness(), freedom)
     assert found.std[0] == pytest.approx(np.sqrt(1.0 / 3.0))
 
 
@@ -256,7 +254,7 @@ def test_a_prior_weighs_a_hundredth_of_a_nat_beside_a_log(monkeypatch: pytest.Mo
     monkeypatch.setattr("didim.regression.consistent.solver._inflation", lambda system: 2.0)
     robot = planar()
     job = didim.IDIMLS().job(log(robot, parameters(robot)))
-    problem = Consistent().for_robot(robot, job.selection).on(job.system(job.parts("fit")))
+    problem = Consistent().for_model(job.model).on(job.system(job.parts("fit")))
     assert problem.gamma == pytest.approx(2.0 * 0.01)
 
 
@@ -264,7 +262,7 @@ def test_a_generic_solid_has_a_hundred_grams_at_least() -> None:
     robot = planar()
     job = didim.IDIMLS().job(log(robot, parameters(robot)))
     system = job.system(job.parts("fit"))
-    prior = generic_prior(robot, replace(system, y=0.0 * system.y), job.selection)
+    prior = generic_prior(robot, replace(system, y=0.0 * system.y), job.model.unknowns)
     assert prior.bodies[0][3, 3] == pytest.approx(0.1)
 
 
@@ -405,4 +403,4 @@ def test_a_load_that_rests(change: float, passes: int) -> None:
     def solved(system: LinearSystem) -> tuple[Array, Array]:
         return np.full(system.w.shape[1], next(sizes)), np.ones(len(system.y))
 
-    assert velocity.settled(job.robot, job.parts("fit"), job.signal, ({}, ()), solved).passes == passes
+    assert velocity.settled(job.model, job.parts("fit"), job.signal, solved).passes == passes

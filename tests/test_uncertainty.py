@@ -15,14 +15,13 @@ from didim import CLOE, DIDIM, IDIMLS, Experiment, Identification, identify
 from didim.experiment.experiment_file import load_experiment
 from didim.methods.method import Method
 from didim.methods.uncertainty import spread_of_fit
-from didim.regression.block import stacked
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import LinearSystem
-from didim.regression.selection import Selection
 from didim.regression.settings import LeastSquaresSettings
 from didim.result.uncertainty import student_factor
 from didim.studies.prediction import predict
 from didim.studies.simulated_log import measured, simulated_log
+from didim.terms.rows import LinearSystem, stacked
+from didim.terms.unknown import Unknown, Unknowns
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
 
@@ -52,6 +51,10 @@ def log(arm: Experiment) -> Experiment:
     [IDIMLS(), DIDIM(), CLOE(start="unit"), CLOE(output="torque", start="unit")],
     ids=["idim-ls", "didim", "cloe", "clie"],
 )
+def all_estimated(count: int) -> Unknowns:
+    return Unknowns(tuple(Unknown(name=str(k), unit="") for k in range(count)))
+
+
 def test_every_method_has_the_jackknife(log: Experiment, truth: Array, method: Method) -> None:
     fit = identify(log, method)
     found = fit.uncertainty
@@ -141,7 +144,7 @@ def test_a_parameter_of_one_block_alone_is_named() -> None:
     y = w @ [1.0, 2.0, 3.0] + 0.1 * rng.standard_normal(400)
     system = LinearSystem(w=w, y=y, blocks=stacked(2, [200], rates_hz=[10.0]), names=("A", "B", "C"))
     settings = LeastSquaresSettings()
-    selection = Selection(roles=("estimated",) * 3, values=np.zeros(3))
+    selection = all_estimated(3)
     fit = solve(system, settings)
     spread = spread_of_fit(system, fit, settings, selection)
     assert spread.uncertainty is not None
@@ -165,7 +168,7 @@ def test_errors_that_outlast_blocks_are_a_remark() -> None:
     w = rng.standard_normal((800, 2)) + 1.0
     y = w.sum(axis=1) + np.tile(np.repeat(rng.standard_normal(5), 80), 2)
     system = LinearSystem(w=w, y=y, blocks=stacked(2, [400], rates_hz=[10.0]), names=("A", "B"))
-    selection = Selection(roles=("estimated",) * 2, values=np.zeros(2))
+    selection = all_estimated(2)
     spread = spread_of_fit(system, solve(system, LeastSquaresSettings()), LeastSquaresSettings(), selection)
     assert spread.uncertainty is not None
     fewer = int(spread.uncertainty.degrees_of_freedom) + 1
@@ -182,7 +185,7 @@ def test_few_rows_are_said_to_be_few() -> None:
     system = LinearSystem(
         w=w, y=w.sum(axis=1) + rng.standard_normal(30), blocks=stacked(2, [15]), names=tuple("ABCDEFGHIJKL")
     )
-    selection = Selection(roles=("estimated",) * 12, values=np.zeros(12))
+    selection = all_estimated(12)
     fit = solve(system, LeastSquaresSettings())
     spread = spread_of_fit(system, fit, LeastSquaresSettings(), selection)
     assert any("takes 5 blocks of time instead of 20" in remark for remark in spread.remarks)

@@ -22,11 +22,11 @@ from didim.evidence.naming import remedy_of
 from didim.evidence.physics import physical_findings
 from didim.evidence.whiteness import whiteness
 from didim.model.physics import Flag, physical_flags
-from didim.regression.block import stacked
 from didim.result.finding import Finding
 from didim.result.verdict import State, Verdict
 from didim.result.words.causes import edit
 from didim.signal.noise import noise_correlation
+from didim.terms.rows import stacked
 
 Array = NDArray[np.float64]
 

@@ -34,7 +34,6 @@ from ..methods.builder import drift_findings, drift_of, load_finding, load_findi
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
 from ..methods.positions.prospect import prospect
-from ..regression.linear_system import check_squares
 from ..regression.logs.load import load_beyond
 from ..result.finding import Finding, worded
 from ..result.identification import Identification
@@ -42,6 +41,7 @@ from ..signal.decimation import least_samples
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
 from ..studies.run import standard_parameters
+from ..terms.rows import check_squares
 from .bandwidth import check_bandwidth
 from .channels import check_channels
 from .excitation import check_excitation
@@ -239,7 +239,7 @@ def _model(
     """Run the checks that need the model of the robot, and add what the log cannot show to `notes`."""
     # A wrong fixed value must not speak for the log.
     job = IDIMLS(fixed={}).job(experiment)
-    if job.parameters.n_gains:
+    if job.model.n_gains:
         # Currents of joints with gains of their own are not torques of one robot.
         return [
             worded(
@@ -259,7 +259,7 @@ def _model(
         return _unfiltered(error)
     _check_squares(parts)
     try:
-        rows = LogRows(robot, job.signal, parts, of_fit, logs=job.parameters)
+        rows = LogRows(robot, job.signal, parts, of_fit, logs=job.model)
     except (SignalError, FitError) as error:
         advice = "Record longer, or decimate less under [signal]"
         return [worded(kind="excitation", sentence=f"the model cannot be tested: {error}", advice=advice)]
@@ -268,7 +268,7 @@ def _model(
         *check_limits(experiment, parts),
         *check_standstill(robot, parts),
     ]
-    if not job.parameters.simple:
+    if not job.model.simple:
         beta = None  # what the logs have beside the robot is not known
     hints: list[Finding] = []
     judged = rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta)
@@ -278,7 +278,7 @@ def _model(
     if named:
         # What else a log declared so wrongly seems to have comes from that.
         return named
-    findings = [*hints, *(_between(job, parts, beta) if job.parameters.simple else ())]
+    findings = [*hints, *(_between(job, parts, beta) if job.model.simple else ())]
     if shown is not None:
         findings += loop_findings(experiment, base.lift(rows.beta), shown)
     if job.delay_setting != "estimate":

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from .._tools.arrays import Array
-from ..regression.linear_system import LinearSystem
 from ..robot.parameters import friction_names
+from ..terms.rows import LinearSystem
 from .hypotheses.hypothesis import Hypothesis
 from .hypotheses.positions import scales
 from .hypotheses.table import OF_KNOWN, OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES

@@ -17,8 +17,6 @@ from .._tools.arrays import Array
 from ..errors import DidimError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
-from ..regression.linear_system import LinearSystem
-from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding
 from ..result.identification import Identification
 from ..result.verdict import Use
@@ -26,6 +24,8 @@ from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
+from ..terms.model import Model
+from ..terms.rows import LinearSystem
 from .causes import Search
 from .gain_check import unchecked
 from .lasting import delay_findings, friction_findings
@@ -55,7 +55,7 @@ class Measured:
         With the friction of the experiment.
     signal : SignalProcessing
         Filters and decimation.
-    logs : LogParameters
+    logs : Model
         What the logs have beside the robot.
     parts, outside : sequence of Window
         Filtered windows of the recordings of the fit, and of those that were held out.
@@ -67,7 +67,7 @@ class Measured:
 
     robot: Robot
     signal: SignalProcessing
-    logs: LogParameters
+    logs: Model
     parts: Sequence[Window]
     outside: Sequence[Window]
     least: Callable[[], Array]

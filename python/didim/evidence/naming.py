@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..regression.linear_system import LinearSystem
 from ..result.finding import Finding, Remedy
 from ..robot.parameters import friction_names
+from ..terms.rows import LinearSystem
 from .causes import Cause, Tried, cause_of_torques
 from .products import Declared
 

@@ -15,9 +15,6 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient, rms
 from ..model.dynamics import inverse_dynamics
-from ..regression.block import Block, stacked
-from ..regression.linear_system import LinearSystem
-from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding, Grade, Remedy
 from ..result.identification import Identification
 from ..robot.robot import Robot
@@ -26,6 +23,8 @@ from ..signal.noise import noise_correlation, row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.spikes import alone, without_lone
 from ..signal.window import Window
+from ..terms.model import Model
+from ..terms.rows import Block, LinearSystem, stacked
 from .thresholds import (
     FEWEST_SPIKES,
     NEGLIGIBLE,
@@ -77,7 +76,7 @@ class Residual:
 
 def residual_of(
     robot: Robot,
-    logs: LogParameters,
+    logs: Model,
     beta: Array,
     parts: Sequence[Window],
     signal: SignalProcessing,

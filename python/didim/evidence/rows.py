@@ -17,17 +17,16 @@ from .._tools.arrays import Array
 from ..errors import DidimError, FitError
 from ..log.recording import Recording
 from ..model.limbs import Limb, limb_of, links_with
-from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent, gamma_of
 from ..regression.jackknife import FEWEST_ROWS
-from ..regression.linear_system import LinearSystem, linear_system
-from ..regression.logs.parameters import LogParameters
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.noise import row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, stretches
+from ..terms.model import Model
+from ..terms.rows import LinearSystem, stacked
 from .products import BLOCKS, Declared, Products
 from .screen import MOTION, Screen, ScreenedRows
 from .thresholds import HINT
@@ -76,7 +75,7 @@ class LogRows(Declared):
         What they were read from, where units, sides and rates are asked too.
     known : (p,) array, optional
         Values of the columns that are known, NaN for those that are fitted beside them.
-    logs : LogParameters, optional
+    logs : Model, optional
         What the logs have beside the robot: its columns stand behind the base columns, and what is known of payloads is one more,
         whose factor is free.
     system : LinearSystem, optional
@@ -110,12 +109,12 @@ class LogRows(Declared):
         parts: Sequence[Window],
         recordings: Sequence[Recording] = (),
         known: Array | None = None,
-        logs: LogParameters | None = None,
+        logs: Model | None = None,
         system: LinearSystem | None = None,
     ) -> None:
         linear = [term for term in robot.friction.terms if term.law != "load"]
         self.robot = robot if len(linear) == len(robot.friction.terms) else robot.with_terms(linear)
-        self.logs = _linear(LogParameters(robot, (), {}, {}, {}) if logs is None else logs, self.robot)
+        self.logs = (Model(robot) if logs is None else logs).choosing({}).with_robot(self.robot)
         self.signal, self.recordings, self.known = signal, recordings, known
         self.origin: Mapping[str, Any] = recordings[0].origin if recordings else {}
         self.timed = all("time" in recording.origin for recording in recordings)
@@ -263,23 +262,23 @@ class LogRows(Declared):
         system, logs = self._conditioned(robot, w, y)
         settings = Consistent(gamma=self._gamma)
         try:
-            fit = settings.for_logs(logs, logs.select({}, ()))(
+            fit = settings.for_model(logs)(
                 system, LeastSquaresSettings(weights="per-joint", reweightings=1, uncertainty="white")
             )
         except DidimError:
             return None
         return fit.residual.reshape(self.n, -1)
 
-    def _conditioned(self, robot: Robot, w: Array, y: Array) -> tuple[LinearSystem, LogParameters]:
+    def _conditioned(self, robot: Robot, w: Array, y: Array) -> tuple[LinearSystem, Model]:
         """Return the system of which physical conditions are asked: known payloads are as they are declared."""
-        logs = replace(self.logs, robot=robot)
+        logs = self.logs.with_robot(robot)
         p = logs.n_base + logs.n_further
-        y = y - w[:, :, p] if logs.known else y
+        y = y - w[:, :, p] if logs.has_known else y
         system = LinearSystem(
             w=np.ascontiguousarray(w[:, :, :p]).reshape(-1, p),
             y=np.ascontiguousarray(y).reshape(-1),
             blocks=stacked(self.n, [w.shape[1]]),
-            names=logs.names,
+            names=logs.unknowns.names,
         )
         return system, logs
 
@@ -294,26 +293,14 @@ class LogRows(Declared):
 
     def _system(self, robot: Robot, parts: Sequence[Window]) -> tuple[Array, Array, tuple[str, ...]]:
         """Return base columns, (n, rows, p), and torques, (n, rows), as those of a fit, before they are thinned out."""
-        logs = replace(self.logs, robot=robot)
-        system = linear_system(robot, parts, self.signal, logs.select({}, ()), logs=logs)
+        logs = self.logs.with_robot(robot)
+        system = logs.rows(parts, self.signal)
         w = system.w.reshape(robot.n_dof, -1, system.w.shape[1])
         names = system.names
-        if logs.known and system.known is not None:
+        if logs.has_known and system.known is not None:
             w = np.concatenate([w, system.known.reshape(robot.n_dof, -1, 1)], axis=2)
             names = (*names, "payload")
         return w, system.measured.reshape(robot.n_dof, -1), names
-
-
-def _linear(logs: LogParameters, robot: Robot) -> LogParameters:
-    """Return what logs have beside a robot that some terms of friction were taken from."""
-    if robot is logs.robot:
-        return logs
-    chosen = [logs.robot.parameter_names.index(name) for name in robot.parameter_names]
-    columns, known = (
-        {number: values[chosen] for number, values in per_recording.items()}
-        for per_recording in (logs.columns, logs.known)
-    )
-    return replace(logs, robot=robot, columns=columns, known=known)
 
 
 def samples_wanted(signal: SignalProcessing, parts: Sequence[Window]) -> int:

@@ -14,7 +14,6 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient, rms
 from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
-from ..regression.linear_system import LinearSystem
 from ..result.finding import Finding
 from ..result.identification import Identification
 from ..result.sentences import percent
@@ -25,6 +24,7 @@ from ..robot.robot import Robot
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
+from ..terms.rows import LinearSystem
 from .residual import Residual
 from .thresholds import KNOWN_PERCENT, SIZE_DOUBTFUL
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._tools.arrays import Array
-from ..regression.block import Block
 from ..result.finding import Finding, Grade
 from ..result.uncertainty import Uncertainty
+from ..terms.rows import Block
 from .thresholds import NEGLIGIBLE
 
 LAGS = 20

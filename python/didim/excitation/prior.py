@@ -16,12 +16,11 @@ from ..errors import ExcitationError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
 from ..experiment.loop import windows
-from ..regression.linear_system import linear_system
-from ..regression.selection import select
 from ..result.identification import Identification
 from ..robot.friction import OF_TEMPERATURE
 from ..robot.robot import Robot
 from ..signal.window import Window
+from ..terms.model import Model
 from .settings import Prior
 
 
@@ -109,8 +108,8 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
         For an experiment of another robot, or a log without degrees of freedom.
     """
     experiment, parts = _fitted(source, robot)
-    selection = select(robot, experiment.fixed, experiment.dropped)
-    system = linear_system(robot, parts, experiment.signal, selection)
+    model = Model(robot).choosing(experiment.fixed, experiment.dropped)
+    system = model.rows(parts, experiment.signal)
     solution = np.linalg.lstsq(system.w, system.y, rcond=1e-10)
     residual = system.y - system.w @ solution[0]
     rows_per_joint = len(system.y) // robot.n_dof

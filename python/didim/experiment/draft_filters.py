@@ -21,13 +21,13 @@ from ..errors import DidimError
 from ..log.recording import Recording
 from ..log.units import POSITION, motor_ratios
 from ..regression.least_squares import solve
-from ..regression.linear_system import LinearSystem, linear_system
-from ..regression.selection import select
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.spectrum import contiguous_band, motion_band
 from ..signal.window import Window, windows_of
+from ..terms.model import Model
+from ..terms.rows import LinearSystem
 
 CUTOFF_TIMES = 20.0
 """Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
@@ -206,7 +206,7 @@ def relative_error(robot: Robot, recordings: Sequence[Recording], signal: Signal
 
 def _relative_error(robot: Robot, parts: Sequence[Window], signal: SignalProcessing) -> float | None:
     try:
-        system = linear_system(robot, parts, signal, select(robot, {}, ()))
+        system = Model(robot).rows(parts, signal)
         fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # the errors alone are used
     except DidimError:
         return None
@@ -221,7 +221,7 @@ def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: Signa
     """
     try:
         parts = [part for recording in recordings for part in windows_of(recording, signal)]
-        system = linear_system(robot, parts, signal, select(robot, {}, ()))
+        system = Model(robot).rows(parts, signal)
     except DidimError:
         return None
     held = np.zeros(len(system.y), dtype=bool)

@@ -16,7 +16,6 @@ from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.controller import Controller
 from ..loop.reference import Reference
-from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings
 from ..robot.correspondence import Pose
 from ..robot.payload import Payload
@@ -24,6 +23,7 @@ from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
+from ..terms.base import dropped_names
 from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
 from .unknown import Unknown
 

@@ -23,7 +23,6 @@ from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
 from ..regression.friction.alarm import friction_alarm
 from ..regression.friction.sampling import sampling_errors
-from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
 from ..regression.solver import solver_name
@@ -36,6 +35,7 @@ from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
 from ..signal.window import Window
+from ..terms.rows import LinearSystem
 from .job import Delay, Job
 from .method import Described
 from .position_errors import position_shift
@@ -131,12 +131,12 @@ def identification(
     """
     job, method = run.job, run.method
     robot = job.robot
-    full, uncertainty = job.selection.expand_covariance(spread.covariance), spread.uncertainty
-    b, norm = job.parameters.n_base, float(np.linalg.norm(errors.norms))
+    full, uncertainty = job.model.unknowns.expand_covariance(spread.covariance), spread.uncertainty
+    b, norm = job.model.n_base, float(np.linalg.norm(errors.norms))
     further = None
-    if not job.parameters.simple:
+    if not job.model.simple:
         uncertainty, further = _split(job, beta, full, uncertainty)
-    freedom = max(1, job.settings.divisor(errors.n_rows, len(job.selection.estimated)))
+    freedom = max(1, job.settings.divisor(errors.n_rows, len(job.model.unknowns.estimated)))
     if uncertainty is not None:
         per_joint = freedom / max(1, len(errors.norms))
         uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
@@ -148,7 +148,7 @@ def identification(
         status=run.status,
         names=robot.base_parameters.names,
         units=robot.base_parameters.units,
-        roles=job.selection.roles[:b],
+        roles=job.model.unknowns.roles[:b],
         beta=beta[:b],
         covariance=full[:b, :b],
         parameter_names=robot.parameter_names,
@@ -177,7 +177,7 @@ def identification(
 def _flags(run: Run, beta: Array, covariance: Array) -> tuple[Flag, ...]:
     """Return what is physically impossible of base parameters, (b,)."""
     job = run.job
-    named = zip(job.robot.base_parameters.names, job.selection.roles[: beta.size], strict=True)
+    named = zip(job.robot.base_parameters.names, job.model.unknowns.roles[: beta.size], strict=True)
     estimated = {name for name, role in named if role == "estimated"}
     flags = physical_flags(job.robot, beta, covariance, run.q, unknown=estimated)
     if run.status.converged:
@@ -190,8 +190,8 @@ def _split(
     job: Job, beta: Array, covariance: Array, uncertainty: Uncertainty | None
 ) -> tuple[Uncertainty | None, Further]:
     """Return the uncertainty of only the robot's parameters, and the further parameters of the logs."""
-    b, names = job.parameters.n_base, job.robot.base_parameters.names
-    white = np.full(job.parameters.n_further, np.nan)
+    b, names = job.model.n_base, job.robot.base_parameters.names
+    white = np.full(job.model.n_further, np.nan)
     if uncertainty is not None:
         white = uncertainty.std_white[b:]
         uncertainty = replace(
@@ -203,12 +203,12 @@ def _split(
         )
     used = {recording.payload for recording in job.experiment.recordings}
     return uncertainty, Further(
-        blocks=job.parameters.blocks,
+        blocks=job.model.blocks,
         values=beta[b:],
         covariance=covariance,
         std_white=white,
         payloads={name: recording for name, recording in job.experiment.payloads.items() if name in used},
-        reference=job.parameters.reference,
+        reference=job.model.reference,
         flange=job.experiment.flange,
     )
 
@@ -227,7 +227,7 @@ def fitted(
     residual can be tested for missing friction.
     """
     job, converged = run.job, run.status.converged
-    spread = spread_of_fit(system, fit, job.settings, job.selection)
+    spread = spread_of_fit(system, fit, job.settings, job.model.unknowns)
     if parts and converged:
         spread = _with_model_errors(run, system, fit, parts, spread)
     errors = TorqueErrors(system.norms(fit.residual), system.norms(system.measured), system.y.size)
@@ -235,7 +235,7 @@ def fitted(
         whiteness(fit.residual, system.blocks, len(system.joints)),
         errors.relative,
         spread.uncertainty,
-        np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
+        np.sqrt(np.diag(job.model.unknowns.expand_covariance(spread.covariance))),
     )
     moved = drift_of(job, system, fit) if converged else []
     loads = load_findings(job, system, fit) if converged else []
@@ -248,7 +248,7 @@ def fitted(
     )
     return identification(
         run,
-        beta=job.selection.expand(fit.solution) if beta is None else beta,
+        beta=job.model.unknowns.expand(fit.solution) if beta is None else beta,
         spread=spread,
         errors=errors,
         condition_number=fit.condition_number,
@@ -265,7 +265,7 @@ def _with_model_errors(
     numbers = {part.recording for part in parts} if run.method.motion == "measured" else ()
     steps = {k: encoder_step(recordings[k].measured_positions()) for k in numbers}
     x = job.lift(fit.solution)
-    standard = [job.parameters.standard(x, part.recording) for part in parts]
+    standard = [job.model.standard(x, part.recording) for part in parts]
     load = [
         rigid_torque(job.robot, part.q, part.dq, part.ddq, values)
         for part, values in zip(parts, standard, strict=True)
@@ -274,7 +274,7 @@ def _with_model_errors(
     step = np.max(list(steps.values()), axis=0) if steps else None
     alarm = friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
     moved = position_shift(job, system, fit, parts, steps)
-    spread = with_shifts(spread, alarm, moved, job.selection)
+    spread = with_shifts(spread, alarm, moved, job.model.unknowns)
     return with_exchanges(spread, job.robot, parts, load, x, system.names)
 
 
@@ -321,7 +321,7 @@ def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
 
 def load_findings(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
     """Return a finding for each recording with a load that another does not have."""
-    if not job.parameters.simple or not {block.recording for block in system.blocks} - {
+    if not job.model.simple or not {block.recording for block in system.blocks} - {
         system.blocks[0].recording
     }:
         return []
@@ -356,8 +356,8 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
         signal=asdict(job.signal),
         least_squares=asdict(job.settings),
         delay={"compensate_samples": setting.samples if isinstance(setting, Delay) else setting},
-        fixed=dict(job.fixed),
-        dropped=job.dropped,
+        fixed=job.model.unknowns.given("fixed"),
+        dropped=list(job.model.unknowns.given("dropped")),
         **more,
     )
 

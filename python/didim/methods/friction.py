@@ -132,17 +132,15 @@ def with_known_friction(
     parts = job.parts("fit", job.delay())
     if method.motion == "simulated":  # a simulation is at the reference temperature
         parts = [replace(part, temperature=None) for part in parts]
-    chosen = (dict(job.fixed), job.dropped)
-
     robot = experiment.robot
     if auto:
         say("choosing friction terms by their error on held-out blocks")
         recorded = {part.recording for part in parts}
         steps = [encoder_step(experiment.recordings[k].measured_positions()) for k in sorted(recorded)]
-        choice = choose_terms(robot, parts, job.signal, chosen, job.estimate, np.max(steps, axis=0))
+        choice = choose_terms(job.model, parts, job.signal, job.estimate, np.max(steps, axis=0))
         robot, found = robot.with_terms(choice.friction.terms), FoundFriction(choice.velocities, choice)
     else:
-        refined = settled(robot, parts, job.signal, chosen, job.estimate)
+        refined = settled(job.model, parts, job.signal, job.estimate)
         robot, found = refined.robot, FoundFriction(refined.velocities)
     return replace(experiment, robot=robot), found
 

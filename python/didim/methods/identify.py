@@ -16,13 +16,13 @@ from ..evidence.judge import judged
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
 from ..log.recording import Recording
-from ..regression.linear_system import LinearSystem
 from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
 from ..robot.robot_file import check_closed
+from ..terms.rows import LinearSystem
 from .friction import with_known_friction
 from .job import MeasuredRows
 from .measured import law_along, measured_along

@@ -60,7 +60,7 @@ class IDIMLS(FitSettings):
             return reporter.progress(history[-1])
 
         remarks: list[str] = []
-        if job.parameters.n_gains:
+        if job.model.n_gains:
             remarks = [expected_sentence(expected_percent(system, job.reduction))]
             reporter.say(remarks[0])
             estimate = drive_gains(system, job.reduction, job.settings)
@@ -80,7 +80,7 @@ class IDIMLS(FitSettings):
             q=np.concatenate([part.q for part in parts]),
             remarks=remarks,
         )
-        return fitted(run, system, fit, parts=() if job.parameters.n_gains else parts)
+        return fitted(run, system, fit, parts=() if job.model.n_gains else parts)
 
 
 def direct_estimate(

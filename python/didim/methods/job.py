@@ -19,15 +19,14 @@ from ..regression.delay import DelayEstimate, Moved, Observed, estimate_delay
 from ..regression.fit import Fit, Progress
 from ..regression.friction.velocity import settled, with_slopes
 from ..regression.least_squares import solve
-from ..regression.linear_system import LinearSystem, check_size, linear_system
-from ..regression.logs.parameters import LogParameters
-from ..regression.selection import Selection, select
 from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
 from ..result.iteration import HeldOut
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, at_place, windows_of
+from ..terms.model import Model
+from ..terms.rows import LinearSystem, check_size
 
 CUTOFFS = (1.0, 2.0, 4.0)
 """Cut-offs for the delay estimate, as multiples of the fit's; the best is used, because a filter that rounds off reversals
@@ -123,8 +122,8 @@ class MeasuredRows:
 
     def every_column(self, job: Job) -> LinearSystem | None:
         """Return the system if it has all base columns of the robot of another job along the same windows, and no others."""
-        whole = self.system.known is None and self.system.names == job.parameters.names
-        simple = job.parameters.simple and not job.robot.friction.has_load
+        whole = self.system.known is None and self.system.names == job.model.unknowns.names
+        simple = job.model.simple and not job.robot.friction.has_load
         return self.system if whole and simple and self.job.robot is job.robot else None
 
 
@@ -133,16 +132,17 @@ class Job:
     """An experiment with the settings of this run."""
 
     experiment: Experiment
-    robot: Robot
+    model: Model
     signal: SignalProcessing
     settings: LeastSquaresSettings
-    selection: Selection
-    fixed: Mapping[str, float]
-    dropped: tuple[str, ...]
     delay_setting: float | Sequence[float] | Literal["hold", "estimate"] | Delay
     solver_choice: SolverChoice
     solver: Solver
-    parameters: LogParameters
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, with the friction of this run."""
+        return self.model.own
 
     def parts(self, role: str, delay: Delay = NO_DELAY) -> list[Window]:
         """Return the filtered windows of a role's recordings, with compensation of a delay."""
@@ -155,10 +155,9 @@ class Job:
         an estimate with these windows.
         """
         if self.robot.friction.has_load and beta is None:
-            chosen = (dict(self.fixed), self.dropped)
-            system = settled(self.robot, parts, self.signal, chosen, self.estimate).system
+            system = settled(self.model, parts, self.signal, self.estimate).system
         else:
-            system = linear_system(self.robot, parts, self.signal, self.selection, beta, self.parameters)
+            system = self.model.rows(parts, self.signal, beta)
         return with_slopes(system, self.robot, parts, self.signal)
 
     def estimate(self, system: LinearSystem) -> tuple[Array, Array]:
@@ -172,11 +171,11 @@ class Job:
 
     def lift(self, estimate: Array) -> Array:
         """Return extended standard parameters, (p + e,), of the estimated base parameters, (n,)."""
-        return self.parameters.lift(self.selection.expand(estimate))
+        return self.model.lift(self.model.unknowns.expand(estimate))
 
     def estimated(self, x: Array) -> Array:
         """Return the estimated base parameters, (n,), of extended standard parameters, (p + e,)."""
-        return np.asarray(self.parameters.project(x)[self.selection.estimated])
+        return np.asarray(self.model.project(x)[self.model.unknowns.estimated])
 
     @property
     def reduction(self) -> Array:
@@ -201,7 +200,7 @@ class Job:
         declared = self.declared_delay
         if self.delay_setting != "estimate":
             return declared
-        if self.parameters.n_gains:
+        if self.model.n_gains:
             raise FitError(
                 "the delay of currents with unknown gains is not estimated: give compensate_samples, or estimate it with gains "
                 "near the true ones"
@@ -238,7 +237,7 @@ class Job:
             return Observed(system, weights, solution)
 
         def torque(part: Window, solution: Array) -> Array:
-            x = self.parameters.standard(self.lift(solution), part.recording)
+            x = self.model.standard(self.lift(solution), part.recording)
             return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x, temperature=part.temperature)
 
         declared = self.declared_delay
@@ -260,7 +259,7 @@ class Job:
         """
         robot = self.experiment.robot
         parts = windows_of(recording, self.signal, delay=delay.samples, hold_s=delay.hold_s)
-        system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
+        system = Model(robot).rows(parts, self.signal, beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -271,8 +270,8 @@ class Job:
         """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
         by_recording = []
         for number, recording in recordings_of(self.experiment, "held-out"):
-            recording = recording.with_gains(beta[len(beta) - self.parameters.n_gains :])
-            errors, torques, n_rows = self.predicted(recording, self.parameters.base(beta, number), delay)
+            recording = recording.with_gains(beta[len(beta) - self.model.n_gains :])
+            errors, torques, n_rows = self.predicted(recording, self.model.base(beta, number), delay)
             by_recording.append(
                 HeldOut(
                     name=recording.name,

@@ -31,14 +31,14 @@ def measured_along(
     same = {key: asked.get(key) for key in ("signal", "fixed", "dropped")}
     try:
         job = IDIMLS(**same, compensate_samples=Delay.recorded(fit.delay)).job(experiment)
-        if job.parameters.n_gains:
+        if job.model.n_gains:
             return None
         delay = job.declared_delay
         rows = made[-1] if made and made[-1].along(job, delay) else None
         return Measured(
             robot=job.robot,
             signal=job.signal,
-            logs=job.parameters,
+            logs=job.model,
             parts=job.parts("fit", delay) if rows is None else rows.parts,
             system=None if rows is None else rows.every_column(job),
             outside=job.parts("held-out", delay),

@@ -8,15 +8,16 @@ from typing import Any, ClassVar, Literal, Protocol, Self
 
 from ..errors import FitError
 from ..experiment.experiment import Experiment
-from ..regression.logs.parameters import LogParameters
-from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
-from ..regression.solver import RobotSolver, SolverChoice, knows_logs, loaded_solver, solver_of
+from ..regression.solver import SolverChoice, knows_logs, loaded_solver, needs_robot, solver_of
 from ..result.identification import Identification
 from ..result.iteration import Reporter
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
+from ..terms.base import dropped_names
+from ..terms.build import model_of
+from ..terms.model import Model
 from .job import Delay, Job
 
 Motion = Literal["measured", "simulated"]
@@ -138,40 +139,35 @@ class MethodSettings:
         silent = [term.parameter for term in resting if robot.friction.dead_zone[term.joint] == 0.0]
         dropped = (*dropped, *(name for name in silent if name not in dropped and name not in fixed))
         delay = experiment.delay.compensate_samples
-        parameters = self.log_parameters(experiment, robot)
-        selection = parameters.select(fixed, dropped)
+        model = self.model(experiment, robot).choosing(fixed, dropped)
         return Job(
             experiment=experiment,
-            robot=robot,
+            model=model,
             signal=experiment.signal if self.signal is None else self.signal,
             settings=self.least_squares(experiment.least_squares),
-            selection=selection,
-            fixed={name: float(value) for name, value in fixed.items()},
-            dropped=dropped,
             delay_setting=delay if self.compensate_samples is None else self.compensate_samples,
             solver_choice=self.chosen_solver(),
-            solver=solver_of(self.chosen_solver(), robot, selection, parameters),
-            parameters=parameters,
+            solver=solver_of(self.chosen_solver(), model),
         )
 
-    def log_parameters(self, experiment: Experiment, robot: Robot) -> LogParameters:
-        """Return the parameters of the robot and of the logs of an experiment.
+    def model(self, experiment: Experiment, robot: Robot) -> Model:
+        """Return the model of the robot in the logs of an experiment.
 
         Raises
         ------
         FitError
             For logs that the method, its solver or the friction does not support.
         """
-        parameters = LogParameters.of(robot, experiment.recordings, experiment.payloads, experiment.flange)
-        if parameters.n_gains and not self.estimates_gains:
+        model = model_of(robot, experiment.recordings, experiment.payloads, experiment.flange)
+        if model.n_gains and not self.estimates_gains:
             raise FitError(
                 f"experiment '{experiment.name}' has currents whose drive gains are unknown: identify them by idim-ls, "
                 "idim-iv or didim, and write them into the file as gain = [...]"
             )
-        if parameters.simple:
-            return parameters
+        if model.simple:
+            return model
         choice = self.chosen_solver()
-        if parameters.n_gains and (isinstance(choice, RobotSolver) or choice == "consistent"):
+        if model.n_gains and needs_robot(loaded_solver(choice)):
             raise FitError(
                 "a physically consistent solution needs torques, and recordings have currents whose drive gains are unknown: "
                 "identify without it, then take fit.consistent()"
@@ -179,7 +175,7 @@ class MethodSettings:
         if not knows_logs(choice):
             raise FitError(
                 "this solver only supports robots, and recordings have payloads, own offsets or own friction: identify without "
-                "it, or write its `for_logs`"
+                "it, or write its `for_model`"
             )
         friction = robot.friction
         if friction.has_load or friction.open or self.friction == "auto":
@@ -187,7 +183,7 @@ class MethodSettings:
                 "load friction, velocities of friction laws and the choice of terms need logs that share all parameters: "
                 "identify them on recordings without a payload, and write them into [friction]"
             )
-        return parameters
+        return model
 
 
 @dataclass(frozen=True, kw_only=True)

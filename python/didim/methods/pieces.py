@@ -24,13 +24,12 @@ from ..log.formats.text_rows import TextRows
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.sampling import slices
-from ..regression.linear_system import linear_system
 from ..regression.recursive import Recursive
-from ..regression.selection import select
 from ..signal.decimation import decimation_stages, least_samples
 from ..signal.processing import SignalProcessing
 from ..signal.spikes import WINDOW
 from ..signal.window import windows_of
+from ..terms.model import Model
 from .idim_ls import IDIMLS
 from .job import Job
 
@@ -70,11 +69,12 @@ def fold_log(path: str | Path, *, rows: int = ROWS) -> Recursive:
     """
     log = _Log(Path(path), rows)
     job = log.job
-    recursive = Recursive(job.robot, fixed=job.fixed, dropped=job.dropped)
+    given = job.model.unknowns.given
+    every, recursive = Model(job.robot), Recursive(job.robot, fixed=given("fixed"), dropped=given("dropped"))
     for piece, inside in log.pieces():
         delay = job.declared_delay
         (part,) = windows_of(piece, job.signal, delay=delay.samples, hold_s=delay.hold_s)
-        system = linear_system(job.robot, [part], job.signal, select(job.robot, {}, ()))
+        system = every.rows([part], job.signal)
         w = system.w.reshape(job.robot.n_dof, -1, system.w.shape[1]).transpose(1, 0, 2)
         recursive.update_rows(w[inside], system.y.reshape(job.robot.n_dof, -1).T[inside])
     return recursive
@@ -159,7 +159,7 @@ def _without_windows(table: Mapping[str, Any]) -> dict[str, Any]:
 def _check_job(job: Job) -> None:
     """Refuse settings that need the whole log."""
     friction = job.robot.friction
-    if not job.parameters.simple or friction.has_load or friction.has_memory or friction.open:
+    if not job.model.simple or friction.has_load or friction.has_memory or friction.open:
         raise FitError(
             "payloads, parameters of single recordings, drive gains, load friction, friction with a memory and open friction terms "
             "need the whole log: not in pieces"

@@ -22,11 +22,11 @@ import numpy as np
 from .._tools.arrays import Array
 from ..model.dynamics import inverse_dynamics
 from ..regression.fit import Fit
-from ..regression.linear_system import LinearSystem, linear_system, unit_columns
 from ..signal.filters import derivatives, differentiate
 from ..signal.noise import white_noise
 from ..signal.steps import between_steps, smoothed
 from ..signal.window import Window
+from ..terms.rows import LinearSystem, unit_columns
 from .job import Job
 
 
@@ -75,8 +75,8 @@ def _by_noise(
         return change
     rng = np.random.default_rng(0)
     noisy = [_noisy(job, part, steps[part.recording], rng) for part in parts]
-    base = job.selection.expand(fit.solution)[: job.parameters.n_base]
-    other = linear_system(job.robot, noisy, job.signal, job.selection, base, job.parameters)
+    base = job.model.unknowns.expand(fit.solution)[: job.model.n_base]
+    other = job.model.rows(noisy, job.signal, base)
     for (rows, columns), w, shaken in zip(system.parts, system.matrices, other.matrices, strict=True):
         weights = fit.weights[rows, None]
         a, size = unit_columns(w * weights)
@@ -116,7 +116,7 @@ def _by_steps(job: Job, fit: Fit, parts: Sequence[Window], steps: Mapping[int, A
         return np.zeros_like(fit.solution)
     x, rounded = job.lift(fit.solution), []
     for part in parts:
-        standard = job.parameters.standard(x, part.recording)
+        standard = job.model.standard(x, part.recording)
         if part.recording in seen:
             rounded.append(_rounded(job, part, standard, steps[part.recording]))
         else:
@@ -124,8 +124,8 @@ def _by_steps(job: Job, fit: Fit, parts: Sequence[Window], steps: Mapping[int, A
                 job.robot, part.q, part.dq, part.ddq, standard, temperature=part.temperature
             )
             rounded.append(replace(part, tau=tau))
-    base = job.selection.expand(fit.solution)[: job.parameters.n_base]
-    system = linear_system(job.robot, rounded, job.signal, job.selection, base, job.parameters)
+    base = job.model.unknowns.expand(fit.solution)[: job.model.n_base]
+    system = job.model.rows(rounded, job.signal, base)
     error, change = system.residual(fit.solution) * fit.weights, np.zeros_like(fit.solution)
     for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
         a, size = unit_columns(matrix * fit.weights[rows, None])

@@ -56,10 +56,10 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
         Any of its subclasses, for a log without positions or torques, for unknown drive gains, and when no robot meets all
         conditions.
     """
-    if job.parameters.n_gains:
+    if job.model.n_gains:
         raise FitError(f"the start {name!r} needs torques, and drive gains are unknown: start from 'idim-ls'")
     system = job.system(job.parts("fit", delay))
-    solver = CONSISTENT.for_logs(job.parameters, job.selection)
+    solver = CONSISTENT.for_model(job.model)
     if name == "prior":
         return solver.on(system).start
     standard = solver(system, job.settings).standard
@@ -135,12 +135,12 @@ def extended_start(
         Functions that return the estimate of IDIM-LS, and the delay of the torque.
     """
     if isinstance(start, str) and start in FROM_LOG:
-        return job.parameters.extended(start_from_log(job, delay(), start))
+        return job.model.extended(start_from_log(job, delay(), start))
     if isinstance(start, str) and start == "idim-ls":
         start = direct()
     # Drive gains start from IDIM-LS, because currents give no torques without them.
-    gains = further_of(direct()) if job.parameters.n_gains else {}
-    return job.parameters.extended(standard_start(job.robot, start), {**gains, **further_of(start)})
+    gains = further_of(direct()) if job.model.n_gains else {}
+    return job.model.extended(standard_start(job.robot, start), {**gains, **further_of(start)})
 
 
 def further_of(start: Start) -> dict[str, float]:

@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .._tools.words import counted
-from ..regression.block import Block
 from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm
 from ..regression.friction.exchange import exchanges
 from ..regression.jackknife import Branches, Factors, independent, intervals, rescaled
-from ..regression.linear_system import LinearSystem
-from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
 from ..robot.robot import Robot
 from ..signal.window import Window
+from ..terms.rows import Block, LinearSystem
+from ..terms.unknown import Unknowns
 
 FEW_ROWS = 3.0
 """Rows per parameter, without one block, below which the intervals are reported as rough."""
@@ -56,7 +55,7 @@ class Spread:
 
 
 def spread_of_fit(
-    system: LinearSystem, fit: Fit, settings: LeastSquaresSettings, selection: Selection
+    system: LinearSystem, fit: Fit, settings: LeastSquaresSettings, selection: Unknowns
 ) -> Spread:
     """Return the spread of the solution of a linear system.
 
@@ -68,7 +67,7 @@ def spread_of_fit(
         Its solution, with `Fit.factors` if the solver's deletions differ from those of weighted least squares.
     settings : LeastSquaresSettings
         Kind of uncertainty, number of blocks, and the divisor of (9).
-    selection : Selection
+    selection : Unknowns
         Indices of the estimated base parameters.
     """
     if not fit.covariance.any():
@@ -113,7 +112,7 @@ def spread_of_factors(
     known: Kind,
     blocks: Sequence[Block],
     settings: LeastSquaresSettings,
-    selection: Selection,
+    selection: Unknowns,
     names: Sequence[str],
 ) -> Spread:
     """Return the spread of an estimate with known factors.
@@ -130,7 +129,7 @@ def spread_of_factors(
         Rows of each joint in each window.
     settings : LeastSquaresSettings
         Kind of uncertainty, number of blocks, and the divisor of (9).
-    selection : Selection
+    selection : Unknowns
         Indices of the estimated base parameters.
     names : sequence of str
         Estimated parameters.
@@ -196,7 +195,7 @@ def _with_single_blocks(several: Array, other: Array, decisive: NDArray[np.intp]
     return np.where(decisive < 0, several, usual * other)
 
 
-def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Selection) -> Spread:
+def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Unknowns) -> Spread:
     """Return a spread that includes missing friction, what a choice of laws left open, and errors of positions.
 
     It is ``s^2 = s_jackknife^2 + alarm.shift^2 + positions^2`` with unchanged correlations. Other kinds of uncertainty were

@@ -19,8 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._tools.arrays import Array
-from .block import Block, Rows
-from .linear_system import LinearSystem
+from ..terms.rows import Block, LinearSystem, Rows
 from .settings import LeastSquaresSettings
 
 SMALLEST_ROWS_SHARE = 0.05

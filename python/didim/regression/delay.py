@@ -28,8 +28,8 @@ from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
+from ..terms.rows import LinearSystem, unit_columns
 from .jackknife import Factors, intervals
-from .linear_system import LinearSystem, unit_columns
 
 SIGNIFICANT = 3.0
 """Difference of a delay from zero, or of a joint's delay from the others, in standard deviations, from which it is

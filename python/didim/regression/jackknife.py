@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array, quotient
-from .block import Block, Rows, by_window
-from .linear_system import LinearSystem, unit_columns
+from ..terms.rows import Block, LinearSystem, Rows, by_window, unit_columns
 from .settings import BLOCKS
 
 FEWEST_ROWS = 3

@@ -24,9 +24,9 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.words import brief, series
 from ..errors import CoreErrorsAs, FitError, RankError
+from ..terms.rows import LinearSystem, check_solvable
 from .covariance import covariance
 from .fit import Fit, Progress
-from .linear_system import LinearSystem, check_solvable
 from .settings import LeastSquaresSettings
 from .weights import joint_sigma, per_row
 

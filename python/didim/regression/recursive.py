@@ -16,8 +16,8 @@ from .._tools.words import series
 from ..errors import CoreErrorsAs, FitError, RankError, ShapeError
 from ..model.dynamics import per_joint
 from ..robot.robot import Robot
+from ..terms.model import Model
 from .least_squares import dependence_sentence
-from .selection import select
 from .triangles import Triangles
 from .weights import positive_rms
 
@@ -106,8 +106,8 @@ class Recursive:
         ):
             raise FitError(f"forgetting must be greater than 0 and at most 1, got {forgetting!r}")
         self.robot, self.average = robot, average
-        self._selection = select(robot, fixed or {}, tuple(dropped))
-        self._estimated = self._selection.estimated
+        self._unknowns = Model(robot).choosing(fixed or {}, tuple(dropped)).unknowns
+        self._estimated = self._unknowns.estimated
         self._columns = list(robot.base_parameters.indices)
         self._triangles = Triangles(robot.n_dof, len(self._estimated), float(forgetting))
         self._rest = (np.zeros((len(self._estimated), robot.n_dof, 0)), np.zeros((robot.n_dof, 0)))
@@ -149,7 +149,7 @@ class Recursive:
         w = np.asarray(rows).T.reshape(len(self._columns), self.robot.n_dof, len(torque))
         y = np.ascontiguousarray(torque.T)
         if len(self._estimated) < len(self._columns):
-            y = y - np.tensordot(self._selection.values, w, axes=1)
+            y = y - np.tensordot(self._unknowns.values, w, axes=1)
             w = w[self._estimated]
         self.n_samples += len(torque)
         self._take(w, y)
@@ -175,7 +175,7 @@ class Recursive:
             raise ShapeError(f"w must have shape {expected}, got {rows.shape}")
         if not np.isfinite(rows).all():
             raise ShapeError("w has a value that is not a finite number")
-        known = rows @ self._selection.values
+        known = rows @ self._unknowns.values
         self._triangles.fold(rows[:, :, self._estimated], torque - known)
 
     def merge(self, other: Recursive) -> None:
@@ -239,11 +239,11 @@ class Recursive:
             residuals = np.array([np.linalg.norm(z - rows @ solution) for rows, z in system])
         variance = float(np.sum((residuals / sigma) ** 2)) / (n * self.robot.n_dof - columns)
         inverse = np.asarray(solved.inverse_r)
-        beta = self._selection.expand(solution)
+        beta = self._unknowns.expand(solution)
         return RecursiveEstimate(
             names=self.robot.base_parameters.names,
             beta=beta,
-            covariance=self._selection.expand_covariance(variance * (inverse @ inverse.T)),
+            covariance=self._unknowns.expand_covariance(variance * (inverse @ inverse.T)),
             parameters=self.robot.base_parameters.lift(beta),
             joint_std=residuals / np.sqrt(n),
             relative_error=quotient(residuals, torques, np.nan),

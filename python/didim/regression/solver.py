@@ -7,15 +7,15 @@ frozen dataclass with ``__call__``, which can be pickled and compared.
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, TypeGuard, runtime_checkable
 
 from .._tools.plugins import named
 from ..errors import FitError
 from ..robot.robot import Robot
+from ..terms.model import Model
+from ..terms.rows import LinearSystem
+from ..terms.unknown import Unknowns
 from .fit import Fit, Progress
-from .linear_system import LinearSystem
-from .logs.parameters import LogParameters
-from .selection import Selection
 from .settings import LeastSquaresSettings
 
 
@@ -32,19 +32,19 @@ class Solver(Protocol):
 class RobotSolver(Protocol):
     """A solver that needs the robot, such as one with physical constraints."""
 
-    def for_robot(self, robot: Robot, selection: Selection) -> Solver:
+    def for_robot(self, robot: Robot, selection: Unknowns) -> Solver:
         """Return the solver for the systems of a robot, whose columns are the estimated base parameters of `selection`."""
 
 
 @runtime_checkable
-class LogsSolver(Protocol):
-    """A solver that also supports further parameters of logs: payloads, own offsets and friction."""
+class ModelSolver(Protocol):
+    """A solver that also supports what only some logs have: payloads, own offsets and friction."""
 
-    def for_logs(self, logs: LogParameters, selection: Selection) -> Solver:
-        """Return the solver for the systems of these logs."""
+    def for_model(self, model: Model) -> Solver:
+        """Return the solver for the systems of a model."""
 
 
-SolverChoice = str | Solver | RobotSolver
+SolverChoice = str | Solver | RobotSolver | ModelSolver
 
 SOLVERS: dict[str, SolverChoice] = {
     "least-squares": "didim.regression.least_squares:solve",
@@ -56,7 +56,7 @@ SOLVERS: dict[str, SolverChoice] = {
 """Solvers by name, or their location "module:object", imported when they are used. A class has its default settings."""
 
 
-def loaded_solver(choice: object) -> Solver | RobotSolver:
+def loaded_solver(choice: object) -> Solver | RobotSolver | ModelSolver:
     """Return a solver, given by name, as "module:object" or as an object.
 
     Raises
@@ -64,21 +64,24 @@ def loaded_solver(choice: object) -> Solver | RobotSolver:
     FitError
         For an object that is none of these. The sentence lists the known names.
     """
-    solver = choice
+    solver: Any = choice
     if isinstance(choice, str):
         solver = named(choice, SOLVERS, "solver", FitError)
         # A class means an instance with default settings.
         solver = solver() if isinstance(solver, type) else solver
-    if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):
+    if isinstance(solver, type) or not (callable(solver) or needs_robot(solver)):
         raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
-    made: Solver | RobotSolver = solver
+    made: Solver | RobotSolver | ModelSolver = solver
     return made
 
 
-def solver_of(
-    choice: SolverChoice, robot: Robot, selection: Selection, logs: LogParameters | None = None
-) -> Solver:
-    """Return a solver, given by name or as an object, for the systems of a robot and its logs.
+def needs_robot(solver: object) -> TypeGuard[RobotSolver | ModelSolver]:
+    """Whether a solver must know whose parameters the columns are, as one with physical constraints does."""
+    return isinstance(solver, RobotSolver | ModelSolver)
+
+
+def solver_of(choice: SolverChoice, model: Model) -> Solver:
+    """Return a solver, given by name or as an object, for the systems of a model.
 
     Raises
     ------
@@ -86,15 +89,15 @@ def solver_of(
         For an unknown name.
     """
     solver = loaded_solver(choice)
-    if logs is not None and isinstance(solver, LogsSolver):
-        return solver.for_logs(logs, selection)
-    return solver.for_robot(robot, selection) if isinstance(solver, RobotSolver) else solver
+    if isinstance(solver, ModelSolver):
+        return solver.for_model(model)
+    return solver.for_robot(model.own, model.unknowns) if isinstance(solver, RobotSolver) else solver
 
 
 def knows_logs(choice: SolverChoice) -> bool:
     """Whether a solver supports further parameters of logs, by its interface or because it is independent of parameters."""
     solver = loaded_solver(choice)
-    return isinstance(solver, LogsSolver) or not isinstance(solver, RobotSolver)
+    return isinstance(solver, ModelSolver) or not isinstance(solver, RobotSolver)
 
 
 def solver_name(choice: SolverChoice) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from .linear_system import LinearSystem
+from ..terms.rows import LinearSystem
 
 SMALLEST_RELATIVE_RESIDUAL = 1e-9
 """Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""

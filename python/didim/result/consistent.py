@@ -19,9 +19,10 @@ from ..errors import FitError, RobotError
 from ..regression.consistent.bounds import Bounds
 from ..regression.consistent.nearest import NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
 from ..regression.consistent.prior import GAMMA, Prior
-from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
 from ..robot.robot import Geometry, JointLimits, Robot
+from ..terms.model import Model
+from ..terms.unknown import Role
 from .finding import Finding
 from .uncertainty import Uncertainty
 from .verdict import Use
@@ -186,10 +187,10 @@ class MovedToRobot:
         if known.parameter_names != self.parameter_names:
             raise FitError(f"the result is for robot {self.robot!r}, and the robot is {known.name!r}")
         values = np.where([role == "fixed" for role in self.roles], self.beta, 0.0)
-        selection = Selection(roles=self.roles, values=values)
+        roles = zip(self.roles, values, strict=True)
+        model = Model(known, roles=dict(zip(known.base_parameters.names, roles, strict=True)))
         nearest = nearest_robot(
-            known,
-            selection,
+            model,
             self.beta,
             self.covariance,
             Nearness(prior=prior, gamma=gamma, bounds=bounds, draws=draws, seed=seed),
@@ -198,15 +199,15 @@ class MovedToRobot:
         moved: Self = replace(
             self,  # type: ignore[type-var]
             beta=known.base_parameters.project(nearest.x),
-            covariance=base_covariance(self.covariance, selection.estimated, nearest.covariance),
+            covariance=base_covariance(self.covariance, model.unknowns.estimated, nearest.covariance),
             parameters=nearest.x,
             warnings=(),
             evidence=(
                 *(reason for reason in self.evidence if reason.code != "not-physical"),
-                *distance_findings(nearest.half_distance, len(selection.estimated)),
+                *distance_findings(nearest.half_distance, len(model.unknowns.estimated)),
             ),
             uses=_simulable(self.uses),
-            remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(selection.estimated))),
+            remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(model.unknowns.estimated))),
             uncertainty=None if self.uncertainty is None else self.uncertainty.of_draws(),
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},
         )

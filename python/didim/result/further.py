@@ -14,9 +14,9 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import plain, restored, rows
-from ..regression.logs.parameters import ColumnBlock
 from ..robot.correspondence import Pose
 from ..robot.payload import Payload
+from ..terms.share import ColumnBlock
 from .table import Estimates, parameter_lines, parameter_rows
 
 TITLES = {

@@ -17,8 +17,8 @@ from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, save_json
 from .._tools.words import counted, percent_text
 from ..errors import FitError
-from ..regression.selection import Role
 from ..robot.parameter_file import write_parameters
+from ..terms.unknown import Role
 from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
 from .finding import Finding

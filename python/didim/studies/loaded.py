@@ -16,13 +16,13 @@ from .._tools.words import series
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..methods.start import further_of
-from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding
 from ..result.identification import Identification
 from ..robot.friction import Friction
 from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
+from ..terms.build import model_of
 
 FRICTION = re.compile(r"(F[a-z]+|Off|Rest)\d+[+-]?")
 """Pattern of the names of friction parameters."""
@@ -52,9 +52,7 @@ def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> li
     FitError
         For a payload that is in neither the result nor the experiment.
     """
-    parameters = LogParameters.of(
-        robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
-    )
+    parameters = model_of(robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False)
     further = further_of(fit)
     for block in parameters.blocks:
         if block.kind == "payload" and not set(block.full_names) <= set(further):

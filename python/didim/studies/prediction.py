@@ -20,8 +20,6 @@ from ..log.recording import Recording
 from ..loop.simulation import Simulation
 from ..methods.job import Delay
 from ..methods.method import FitSettings, Motion
-from ..regression.linear_system import linear_system
-from ..regression.selection import select
 from ..result.identification import Identification
 from ..result.uncertainty import student_factor
 from ..robot.robot import Robot
@@ -29,6 +27,7 @@ from ..signal.decimation import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, windows_of
+from ..terms.model import Model
 from .loaded import same_parameters, standard_in, unloaded, with_friction_of, with_gains_of
 
 
@@ -271,7 +270,7 @@ def _torques(
 ) -> dict[str, Any]:
     """Return measured and predicted torques of a window, with the sizes of the columns and standard deviations."""
     n = robot.n_dof
-    system = linear_system(robot, [part], signal, select(robot, {}, ()), beta)
+    system = Model(robot).rows([part], signal, beta)
     return {
         "measured": system.y.reshape(n, -1).T.copy(),
         "predicted": (system.w @ beta).reshape(n, -1).T.copy(),

@@ -189,8 +189,8 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     from ..evidence.applied.log import AppliedLog, Errors, applied_findings
     from ..evidence.loop.law import made_up
     from ..methods.method import FitSettings
-    from ..regression.logs.parameters import LogParameters
     from ..signal.window import windows_of
+    from ..terms.model import Model
     from .loaded import as_fitted, same_parameters, standard_in, unloaded
     from .prediction import simulate_window
     from .run import recording_errors
@@ -216,7 +216,7 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
             beside = Errors.beside(fit, errors / root, torques / root)
             if beside.larger:
                 parts = windows_of(recording, experiment.signal, delay=delay.samples, hold_s=delay.hold_s)
-                logs = LogParameters(experiment.robot, (), {}, {}, {})
+                logs = Model(experiment.robot)
                 log = AppliedLog(experiment.robot, experiment.signal, logs, beta, parts, [recording])
                 evidence += applied_findings(log, beside)
             direct, overall = (

@@ -22,7 +22,6 @@ from ..._tools.arrays import Array, quotient
 from ...errors import DidimError
 from ...log.recording import Recording
 from ...model.dynamics import friction_places, inverse_dynamics
-from ...regression.logs.parameters import LogParameters, independent
 from ...result.finding import Finding, Grade
 from ...result.identification import Identification
 from ...robot.payload import ends, link_columns
@@ -30,6 +29,8 @@ from ...robot.rigid_body import INERTIAL
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
+from ...terms.model import Model
+from ...terms.share import independent
 from ..causes import Cause, Search, torn
 from ..naming import cause_findings
 from ..products import Judged, Products
@@ -112,7 +113,7 @@ class AppliedLog:
         With the friction of the result.
     signal : SignalProcessing
         Filters and decimation.
-    logs : LogParameters
+    logs : Model
         What the recordings have beside the robot.
     known : (b + e,) array
         Base parameters of the result and those of the recordings; NaN for those that are fitted.
@@ -124,7 +125,7 @@ class AppliedLog:
 
     robot: Robot
     signal: SignalProcessing
-    logs: LogParameters
+    logs: Model
     known: Array
     parts: Sequence[Window]
     recordings: Sequence[Recording]
@@ -143,7 +144,7 @@ class AppliedLog:
             chosen = [self.robot.parameter_names.index(name) for name in linear.parameter_names]
             parts = [replace(part, tau=part.tau - _load_friction(self, linear, x, part)) for part in parts]
             known = np.concatenate([linear.base_parameters.project(x[chosen]), known[b:]])
-        if self.logs.known:
+        if self.logs.has_known:
             known = np.append(known, 1.0)
         with suppress(DidimError), np.errstate(over="ignore", invalid="ignore"):
             rows = LogRows(self.robot, self.signal, parts, self.recordings, known, self.logs)

@@ -142,10 +142,10 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     didim = DIDIM(physical=True, start=method.chosen_start, **method.shared)
     robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
-    solver = CONSISTENT.for_logs(job.parameters, job.selection)
+    solver = CONSISTENT.for_model(job.model)
     consistent = ConsistentProblem(RateSimulator(didim, job, reporter.without_iterations), solver)
     begun = Iterations(consistent).result()
-    x = job.parameters.extended(begun.parameters, further_of(begun))
+    x = job.model.extended(begun.parameters, further_of(begun))
     problem = OutputError(
         replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), reporter
     )

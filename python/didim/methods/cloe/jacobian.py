@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...model.limbs import Directions
-from ...regression.block import Block
-from ...regression.linear_system import independent
+from ...terms.rows import Block, independent
 
 Indices = NDArray[np.intp]
 

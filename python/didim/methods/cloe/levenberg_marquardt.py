@@ -300,7 +300,7 @@ def spread_at(problem: OutputError, errors: Array, jacobian: Jacobian | None) ->
     The covariance is that of the linear problem with the last Jacobian, without another simulation. It includes the correlation
     of the output errors and, unless the settings say otherwise, the variances of the jackknife.
     """
-    names = [problem.base.names[index] for index in problem.estimated]
+    names = [problem.base.unknowns.names[index] for index in problem.estimated]
     empty = np.zeros((len(names), len(names)))
     if jacobian is None:
         remark = "stopped before the Jacobian was computed, so there are no standard deviations"
@@ -329,7 +329,7 @@ def spread_at(problem: OutputError, errors: Array, jacobian: Jacobian | None) ->
         "correlated",
         blocks,
         problem.job.settings,
-        problem.job.selection,
+        problem.job.model.unknowns,
         names,
     )
     if correlated:

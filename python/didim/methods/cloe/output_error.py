@@ -25,11 +25,11 @@ from ...experiment.loop import recordings_of, windows
 from ...model.dynamics import regressor
 from ...model.limbs import Directions
 from ...model.safe_step import safe_step, thinned
-from ...regression.block import Block
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ...signal.window import Window
+from ...terms.rows import Block
 from ..builder import Run, TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
 from ..job import Delay, Job
@@ -70,8 +70,8 @@ class OutputError:
 
     def __init__(self, method: CLOESettings, job: Job, reporter: Reporter) -> None:
         self.method, self.job, self.reporter = method, job, reporter
-        self.robot, self.base = job.robot, job.parameters
-        self.estimated = job.selection.estimated
+        self.robot, self.base = job.robot, job.model
+        self.estimated = job.model.unknowns.estimated
         self.windows = _windows(job, method.output)
         self.checked = thinned(
             np.concatenate([window.measured for window in self.windows]), CHECKED_POSITIONS
@@ -221,7 +221,7 @@ class OutputError:
             push = [np.append(values, rate) for rate, values in signals]
             for array in (
                 *(window.measured, window.logged, *motion, *push, law.laws, law.gain, law.saturation),
-                *(self.start, self.job.selection.values),
+                *(self.start, self.job.model.unknowns.values),
             ):
                 digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
@@ -242,9 +242,7 @@ class OutputError:
             x = self.standard(self.start[None])[0]  # load friction depends on them
             own = self.base.standard(x, window.recording)
             w = regressor(self.robot, *window.loop.reference.at(t), x=own)[:, :, base]
-            w = np.concatenate([w, w @ self.base.base_columns(window.recording)], axis=2)[
-                :, :, self.estimated
-            ]
+            w = w @ self.base.directions(window.recording)[:, self.estimated]
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.logged**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))

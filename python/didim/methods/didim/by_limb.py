@@ -21,14 +21,13 @@ from ...model.limbs import Limb, limbs_of, renamed
 from ...regression.fit import Fit
 from ...regression.jackknife import Branches, Factors
 from ...regression.least_squares import solve
-from ...regression.linear_system import LinearSystem
-from ...regression.logs.parameters import LogParameters
-from ...regression.selection import Selection
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ...signal.window import Window
+from ...terms.model import Model
+from ...terms.rows import LinearSystem
 from ..job import Job
 from ..uncertainty import with_velocities
 from .iterations import Iterations
@@ -63,17 +62,11 @@ class LimbInRobot:
 
     def job(self, problem: Problem) -> Job:
         """Return the job of the limb by itself."""
-        job, selection = problem.job, problem.job.selection
-        return replace(
-            job,
-            robot=self.limb.robot,
-            selection=Selection(
-                roles=tuple(selection.roles[column] for column in self.columns),
-                values=selection.values[self.columns],
-            ),
-            delay_setting=problem.simulator.delay,
-            parameters=LogParameters(self.limb.robot, (), {}, {}, {}),
-        )
+        job, robot = problem.job, self.limb.robot
+        entries = (job.model.unknowns.entries[column] for column in self.columns)
+        named = zip(robot.base_parameters.names, entries, strict=True)
+        roles = {name: (each.role, each.value) for name, each in named}
+        return replace(job, model=Model(robot, roles=roles), delay_setting=problem.simulator.delay)
 
 
 def iterations_of(method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
@@ -87,14 +80,14 @@ def limbs_in(problem: Problem) -> list[LimbInRobot]:
     """Return the limbs that iterate by themselves; none where something is common to all."""
     job, limbs = problem.job, limbs_of(problem.job.robot)
     apart = all(len(window.loop.limbs) == len(limbs) > 1 for window in problem.simulator.windows)
-    if not apart or job.solver is not solve or not job.parameters.simple or problem.instrumental:
+    if not apart or job.solver is not solve or not job.model.simple or problem.instrumental:
         return []
     column = {index: k for k, index in enumerate(job.robot.base_parameters.indices)}
     inside = [
         LimbInRobot(limb, [column[index] for index in limb.indices[list(limb.robot.base_parameters.indices)]])
         for limb in limbs
     ]
-    estimated = set(job.selection.estimated)
+    estimated = set(job.model.unknowns.estimated)
     return inside if all(estimated.intersection(each.columns) for each in inside) else []
 
 
@@ -285,7 +278,7 @@ class ByLimb(Iterations):
         return replace(solved, fit=self._with_errors(solved.system, solved.fit))
 
     def _with_errors(self, system: LinearSystem, fit: Fit) -> Fit:
-        estimated = self.problem.job.selection.estimated
+        estimated = self.problem.job.model.unknowns.estimated
         position = {column: k for k, column in enumerate(estimated)}
         branches: list[tuple[NDArray[np.intp], NDArray[np.intp], Factors]] = []
         covariance, residual, n = fit.covariance.copy(), np.zeros_like(fit.residual), len(estimated)

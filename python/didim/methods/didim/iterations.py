@@ -196,9 +196,9 @@ class Iterations:
             remarks=[*problem.remarks, *self._remarks, *self._sentences(suspected)],
             evidence=problem.evidence(suspected, point.simulated.error),
         )
-        parts = () if job.parameters.n_gains else along_motion(simulator.windows, point.simulated)
+        parts = () if job.model.n_gains else along_motion(simulator.windows, point.simulated)
         return replace(
-            fitted(run, system, fit, beta=job.parameters.project(point.x), parts=parts),
+            fitted(run, system, fit, beta=job.model.project(point.x), parts=parts),
             ending=self._ending,
             output_error=(self._first_error, point.simulated.error),
             n_simulations=simulator.n_simulations,

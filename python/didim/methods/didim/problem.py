@@ -36,9 +36,9 @@ from ...regression.covariance import inverse
 from ...regression.fit import Fit
 from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
-from ...regression.linear_system import LinearSystem
 from ...result.finding import Finding
 from ...signal.window import Window
+from ...terms.rows import LinearSystem
 from ..start import extended_start, further_of, standard_start
 from .simulability import damping_of, simulable
 from .simulator import LogSimulator, RateSimulator
@@ -80,7 +80,7 @@ class Problem:
     def __init__(self, simulator: LogSimulator) -> None:
         self.simulator, self.job = simulator, simulator.job
         self.method, self.reporter = simulator.method, simulator.reporter
-        self.robot, self.base = self.job.robot, self.job.parameters
+        self.robot, self.base = self.job.robot, self.job.model
         self.stuck: dict[int, str] = {}
 
     @cached_property
@@ -98,8 +98,8 @@ class Problem:
         simulator = self.simulator
         x = extended_start(self.job, self.method.chosen_start, simulator.direct, lambda: simulator.delay)
         beta = self.base.project(x)
-        beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
-        x = self.base.lift(beta + self.job.selection.values)
+        beta[[role != "estimated" for role in self.job.model.unknowns.roles]] = 0.0
+        x = self.base.lift(beta + self.job.model.unknowns.values)
         unloaded = x[: len(self.robot.parameter_names)]
         smallest = _core.smallest_eigenvalue(self.robot.core, simulator.reference_positions(), unloaded)
         if smallest is not None and not smallest[1] > 0.0:
@@ -158,7 +158,7 @@ class Problem:
     def solved(self, iterate: Iterate, system: LinearSystem, fit: Fit, held: tuple[int, ...] = ()) -> Solved:
         """Return the system of an iterate with a solution that holds some columns."""
         target = self.job.lift(fit.solution) if fit.standard is None else fit.standard
-        std = np.sqrt(np.diag(self.job.selection.expand_covariance(fit.covariance)))
+        std = np.sqrt(np.diag(self.job.model.unknowns.expand_covariance(fit.covariance)))
         return Solved(iterate, system, fit, target, std, held)
 
     def change_in_sigma(self, solved: Solved) -> float:

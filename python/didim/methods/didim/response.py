@@ -27,9 +27,9 @@ from ...model.limbs import Directions
 from ...regression.covariance import covariance_of_columns
 from ...regression.fit import Fit
 from ...regression.jackknife import Factors
-from ...regression.linear_system import LinearSystem
 from ...regression.settings import LeastSquaresSettings
 from ...robot.robot import Robot
+from ...terms.rows import LinearSystem
 from ..uncertainty import with_velocities
 
 DIFFERENCE = 1.0

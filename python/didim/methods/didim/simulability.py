@@ -22,9 +22,9 @@ from ...model.dynamics import inertia_matrix
 from ...regression.consistent.problem import Simulability
 from ...regression.consistent.solver import ConsistentSolver
 from ...regression.fit import Fit
-from ...regression.linear_system import LinearSystem
 from ...regression.settings import LeastSquaresSettings
 from ...robot.robot import Robot
+from ...terms.rows import LinearSystem
 
 RATE = 1.5
 """Largest product of the fastest rate and the time step; fourth-order Runge-Kutta is stable up to 2.78."""
@@ -59,8 +59,8 @@ def simulable(
     damping : (n_dof,) array
         See `damping_of`.
     """
-    smoothing = free.robot.friction.smoothing
-    if free.robot.friction.coulomb != "tanh" or not all(smoothing):
+    smoothing = free.model.own.friction.smoothing
+    if free.model.own.friction.coulomb != "tanh" or not all(smoothing):
         return free, fit, None
     cost = float(np.sum((fit.residual * fit.weights) ** 2))
     step = FINE_STEP

@@ -88,7 +88,7 @@ class LogSimulator:
 
     def run(self, window: Window, x: Array, scale: Array | None) -> tuple[Motion, Outcome]:
         """Simulate a window with standard parameters, (n_parameters,), and scaled gains, (n_dof,)."""
-        own, gains = self.job.parameters.standard(x, window.recording), None if scale is None else scale[None]
+        own, gains = self.job.model.standard(x, window.recording), None if scale is None else scale[None]
         arrays, (outcome,) = window.loop.run(own[None], gain_scale=gains)
         return beside(window, arrays, 0), outcome
 
@@ -116,12 +116,12 @@ class LogSimulator:
             if not outcome.completed:
                 return outcome
             motions.append(motion)
-        return of_motions(self.job.parameters, self.windows, x, motions, scale)
+        return of_motions(self.job.model, self.windows, x, motions, scale)
 
     def simulate_all(self, candidates: Sequence[Array]) -> list[Simulated | Outcome]:
         """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
         results: list[Simulated | Outcome] = []
-        standard = self.job.parameters.standard
+        standard = self.job.model.standard
         for first in range(0, len(candidates), ABREAST):
             some = candidates[first : first + ABREAST]
             runs = [
@@ -132,7 +132,7 @@ class LogSimulator:
                 ended = [outcomes[k] for _, _, outcomes in runs if not outcomes[k].completed]
                 motions = [beside(window, arrays, k) for window, arrays, _ in runs]
                 results.append(
-                    ended[0] if ended else of_motions(self.job.parameters, self.windows, x, motions, None)
+                    ended[0] if ended else of_motions(self.job.model, self.windows, x, motions, None)
                 )
         self.n_simulations += len(candidates) * len(self.windows)
         return results
@@ -212,7 +212,7 @@ class LogSimulator:
 
     def suspicions(self) -> list[Finding]:
         """Return suspected faults along the measured motion, which is independent of parameters."""
-        if self.job.parameters.n_gains:
+        if self.job.model.n_gains:
             return []
         try:
             return torque_findings(self.job.system(self.job.parts("fit", self.delay)))
@@ -245,7 +245,7 @@ class RateSimulator(LogSimulator):
         """Return the experiment with time steps for the rates of an iterate."""
         settings = self.experiment.simulation
         fitted = recordings_of(self.experiment)
-        robots = np.unique([self.job.parameters.standard(x, number) for number, _ in fitted], axis=0)
+        robots = np.unique([self.job.model.standard(x, number) for number, _ in fitted], axis=0)
         coarse, fine = chosen_steps(*largest_rates(self.job.robot, robots, self.q, self.damping), settings)
         return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
 

@@ -16,8 +16,8 @@ from ..._tools.arrays import Array, quotient, ratio
 from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
-from ...regression.linear_system import torque_rows
 from ...result.iteration import Iteration
+from ...terms.model import torques
 from .convergence import SAFETY, Contraction
 from .problem import Problem
 from .response import Response, noise_of, share_moved
@@ -163,12 +163,12 @@ def simulated_rows(problem: Problem, run: Simulated) -> Array:
     """Return the simulated torques in the rows of (7), (r,)."""
     parts = along_motion(problem.simulator.windows, run)
     simulated = [replace(part, tau=motion[3]) for part, motion in zip(parts, run.motions, strict=True)]
-    return torque_rows(simulated, problem.job.signal)
+    return np.concatenate([torques(part, problem.job.signal) for part in simulated], axis=1).reshape(-1)
 
 
 def torques_after(problem: Problem, x: Array, changes: Sequence[Array]) -> list[Array] | None:
     """Return `simulated_rows` after changes of the estimated base parameters, (n,) each; None if a run ends early."""
-    beta = map(problem.job.selection.among_all, changes)
+    beta = map(problem.job.model.unknowns.among_all, changes)
     runs = problem.simulator.simulate_all([x + problem.base.lift(change) for change in beta])
     torques = [simulated_rows(problem, run) for run in runs if isinstance(run, Simulated)]
     return torques if len(torques) == len(runs) else None

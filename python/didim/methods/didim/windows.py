@@ -11,9 +11,9 @@ from ..._tools.arrays import Array, ratio
 from ...evidence.loop.simulated import Piece, compare_motions
 from ...loop.outcome import Outcome
 from ...regression.fit import Fit
-from ...regression.linear_system import LinearSystem
-from ...regression.logs.parameters import LogParameters
 from ...signal.window import Window
+from ...terms.model import Model
+from ...terms.rows import LinearSystem
 from ..job import Job
 
 Motion = tuple[Array, Array, Array, Array]
@@ -80,7 +80,7 @@ class Step:
     """Whether the step keeps the parameters and only simulates them with smaller steps in time."""
 
 
-def measured_torque(logs: LogParameters, window: Window, x: Array) -> Array:
+def measured_torque(logs: Model, window: Window, x: Array) -> Array:
     """Return the measured torques of a window; with unknown drive gains the currents times the gains in `x`, (p + e,)."""
     if window.drives is None:
         return window.tau
@@ -95,7 +95,7 @@ def beside(window: Window, arrays: Sequence[Array], candidate: int) -> Motion:
 
 
 def of_motions(
-    logs: LogParameters,
+    logs: Model,
     windows: Sequence[Window],
     x: Array,
     motions: list[Motion],

@@ -20,10 +20,10 @@ import didim._core as _core
 
 from ..._tools.arrays import Array, quotient
 from ...errors import FitError, RankError
+from ...terms.rows import LinearSystem, check_solvable, unit_columns
 from ..covariance import covariance_of_columns
 from ..fit import Fit, Progress
 from ..jackknife import Factors
-from ..linear_system import LinearSystem, check_solvable, unit_columns
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 

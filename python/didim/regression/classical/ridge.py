@@ -14,8 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..block import Rows
-from ..linear_system import unit_columns
+from ...terms.rows import Rows, unit_columns
 
 STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.01, 0.5))
 """Ridge strengths that are compared, as shares of a column's squared norm."""

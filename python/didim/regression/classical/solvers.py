@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import FitError
+from ...terms.rows import LinearSystem
 from ..covariance import covariance
 from ..fit import Fit, Progress
 from ..jackknife import Factors, intervals
 from ..least_squares import solve
-from ..linear_system import LinearSystem
 from ..settings import LeastSquaresSettings
 from ..weights import per_row
 from .ridge import chosen_strength, ridge

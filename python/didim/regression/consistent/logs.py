@@ -17,34 +17,34 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...model.consistency import Cone, link_cones
 from ...robot.rigid_body import ten_parameters
+from ...terms.model import Model
+from ...terms.share import Share
 from ..logs.body import RADIUS_M
-from ..logs.parameters import ColumnBlock, LogParameters
 from .prior import drawn
 
 MASS_KG = 1.0
 """Mass (kg) of the prior solid of a payload, at the last frame."""
 
 
-def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) -> list[Cone]:
+def log_conditions(model: Model, gamma: float, drives: Sequence[Cone]) -> list[Cone]:
     """Return the conditions on payloads and on recordings with friction of their own.
 
     Parameters
     ----------
-    logs : LogParameters
-        Further parameters: they stand behind the standard ones.
+    model : Model
+        The unknowns of its shares stand behind the standard parameters.
     gamma : float
         Weight of the prior of a payload (nats).
     drives : sequence of Cone
         Conditions of the robot on rotors and friction, with the weights that each recording with friction of its own repeats.
     """
     conditions = []
-    for block, places in logs.slices():
-        if block.kind == "payload" and block.complete:
-            conditions.append(_payload(logs, block, places, gamma))
+    for share, places in model.slices():
+        block = share.block
+        if block.kind == "payload" and block.complete and block.names:
+            conditions.append(_payload(model, share, places, gamma))
         elif block.kind == "friction":
-            (recording,) = _recordings(logs, places)
-            own = np.zeros_like(logs.columns[recording])
-            own[:, places] = logs.columns[recording][:, places]
+            own = _among_all(model, share, places)
             changed = set(np.flatnonzero(own.any(axis=1)).tolist())
             conditions += [
                 replace(_moved(cone, own), label=f"{cone.label} of recording '{block.owner}'")
@@ -54,26 +54,24 @@ def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) ->
     return conditions
 
 
-def log_start(logs: LogParameters) -> Array:
+def log_start(model: Model) -> Array:
     """Return further parameters to start from, (e,): solids as payloads, and nothing of a recording's own."""
-    start = np.zeros(logs.n_further)
-    for block, places in logs.slices():
-        if block.kind == "payload":
-            indices = list(link_cones(logs.robot)[-1].indices)
-            recording = _recordings(logs, places)[0]
-            known = logs.known.get(recording, np.zeros(len(logs.robot.parameter_names)))
-            columns = logs.columns[recording][indices, places]
-            start[places] = np.linalg.lstsq(columns, ten_parameters(_solid()) - known[indices], rcond=None)[0]
+    start = np.zeros(model.n_further)
+    for share, places in model.slices():
+        if share.block.kind == "payload":
+            indices = list(link_cones(model.own)[-1].indices)
+            known = np.zeros(len(share.directions)) if share.fixed is None else share.fixed
+            wanted = ten_parameters(_solid()) - known[indices]
+            start[places] = np.linalg.lstsq(share.directions[indices], wanted, rcond=None)[0]
     return start
 
 
-def _payload(logs: LogParameters, block: ColumnBlock, places: slice, gamma: float) -> Cone:
-    recording = _recordings(logs, places)[0]
-    link = link_cones(logs.robot)[-1]
-    moved = _moved(link, logs.columns[recording], logs.known.get(recording))
+def _payload(model: Model, share: Share, places: slice, gamma: float) -> Cone:
+    link = link_cones(model.own)[-1]
+    moved = _moved(link, _among_all(model, share, places), share.fixed)
     own = [k for k, index in enumerate(moved.indices) if index not in link.indices]
     indices = tuple(moved.indices[k] for k in own)
-    body = Cone(f"payload '{block.owner}'", indices, moved.basis[own], moved.constant)
+    body = Cone(f"payload '{share.block.owner}'", indices, moved.basis[own], moved.constant)
     return drawn(body, _solid(), gamma)
 
 
@@ -92,9 +90,11 @@ def _moved(cone: Cone, columns: Array, known: Array | None = None) -> Cone:
     )
 
 
-def _recordings(logs: LogParameters, places: slice) -> list[int]:
-    """Return the recordings that have further parameters."""
-    return [number for number, columns in logs.columns.items() if columns[:, places].any()]
+def _among_all(model: Model, share: Share, places: slice) -> Array:
+    """Return the directions of a share among those of all shares, (p, e): zero for the others."""
+    directions = np.zeros((len(share.directions), model.n_further))
+    directions[:, places] = share.directions
+    return directions
 
 
 def _solid() -> Array:

@@ -18,8 +18,7 @@ import numpy as np
 
 from ..._tools.arrays import Array, unit_diagonal
 from ...errors import FitError
-from ...robot.robot import Robot
-from ..selection import Selection
+from ...terms.model import Model
 from .bounds import Bounds
 from .prior import GAMMA, Prior, prior_of
 from .problem import ConstrainedProblem
@@ -100,8 +99,7 @@ class Nearness:
 
 
 def nearest_robot(
-    robot: Robot,
-    selection: Selection,
+    model: Model,
     beta: Array,
     covariance: Array,
     settings: Nearness,
@@ -111,9 +109,7 @@ def nearest_robot(
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
-    selection : Selection
+    model : Model
         Fixed and dropped parameters keep their values.
     beta : (b,) array
         Base parameters.
@@ -133,11 +129,11 @@ def nearest_robot(
     if settings.draws < FEWEST_DRAWS:
         raise FitError(f"intervals need at least {FEWEST_DRAWS} draws, got {settings.draws}")
     gamma, bounds, draws = settings.gamma, settings.bounds, settings.draws
-    estimated = selection.estimated
+    robot, estimated = model.own, model.unknowns.estimated
     part = covariance[np.ix_(estimated, estimated)]
     root = root_of(part)
     chosen = prior_of(robot, settings.prior)
-    problem = ConstrainedProblem(robot, selection, chosen, gamma, bounds)
+    problem = ConstrainedProblem(model, chosen, gamma, bounds)
     right = root @ beta[estimated]
     best = problem.solve(root, right)
     random = np.random.default_rng(settings.seed)
@@ -154,7 +150,7 @@ def nearest_robot(
         other = replace(
             chosen, bodies=tuple(factor * body for body in chosen.bodies), rotors=factor * chosen.rotors
         )
-        others.append(ConstrainedProblem(robot, selection, other, gamma, bounds).solve(root, right).x)
+        others.append(ConstrainedProblem(model, other, gamma, bounds).solve(root, right).x)
     moved = np.abs(others[1] - others[0]) / 2.0
     held = np.sqrt(np.diag(problem.covariance(root, best.x))) <= HELD * spread
     size = np.maximum(np.abs(best.x), np.abs(drawn).max(axis=0))

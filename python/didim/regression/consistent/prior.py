@@ -19,8 +19,8 @@ from ...model.drive_cones import FREE
 from ...robot.placement import carriers
 from ...robot.rigid_body import INERTIAL, ten_parameters
 from ...robot.robot import Geometry, Robot
-from ..linear_system import LinearSystem, unit_columns
-from ..selection import Selection
+from ...terms.rows import LinearSystem, unit_columns
+from ...terms.unknown import Unknowns
 
 GAMMA = 1e-2
 """Default weight (nats) of a prior, beside the information of a log with uncorrelated errors."""
@@ -82,7 +82,7 @@ class Prior:
 
 
 def generic_prior(
-    robot: Robot, system: LinearSystem | None = None, selection: Selection | None = None
+    robot: Robot, system: LinearSystem | None = None, selection: Unknowns | None = None
 ) -> Prior:
     """Return solids of equal mass at every frame, with a size proportional to the arm, and unit rotors.
 
@@ -95,7 +95,7 @@ def generic_prior(
         Robot whose geometry gives the size.
     system : LinearSystem, optional
         Rows of a log, for the mass.
-    selection : Selection, optional
+    selection : Unknowns, optional
         Base parameters of the columns.
     """
     geometry = robot.geometry
@@ -117,7 +117,7 @@ def _way(geometry: Geometry, joint: int) -> float:
     return way_length
 
 
-def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:
+def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Unknowns) -> float:
     """Return the mass of the equal solids that fit the torques best, together with the drives."""
     x = one.parameters(robot)
     inertial = [parameter.kind in INERTIAL for parameter in robot.standard_parameters]
@@ -187,7 +187,7 @@ def prior_of(
     robot: Robot,
     choice: str | Mapping[str, float] | Array | Prior,
     system: LinearSystem | None = None,
-    selection: Selection | None = None,
+    selection: Unknowns | None = None,
 ) -> Prior:
     """Return a prior by choice.
 

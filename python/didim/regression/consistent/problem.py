@@ -20,8 +20,7 @@ from ...errors import FitError
 from ...model.consistency import Cone, link_cones
 from ...model.drive_cones import Drives, friction_cones, rotor_cones, simulable_cones
 from ...robot.robot import Robot
-from ..logs.parameters import LogParameters
-from ..selection import Selection
+from ...terms.model import Model
 from .bounds import Bounds
 from .logs import log_conditions, log_start
 from .prior import GAMMA, Prior, drawn
@@ -87,10 +86,8 @@ class ConstrainedProblem:
 
     Attributes
     ----------
-    robot : Robot
-        The robot.
-    selection : Selection
-        Fixed or dropped base parameters, which are equalities.
+    model : Model
+        Its fixed or dropped unknowns are equalities; the e of its shares continue the standard parameters.
     prior : Prior
         Robot at the centre of the prior.
     gamma : float
@@ -99,17 +96,18 @@ class ConstrainedProblem:
         Bounds on masses and centres.
     simulability : Simulability or None
         Conditions (B), which replace those on the rotors.
-    logs : LogParameters or None
-        Further parameters of the logs, e of them: they continue the roles of `selection` and the columns of a system.
     """
 
-    robot: Robot
-    selection: Selection
+    model: Model
     prior: Prior
     gamma: float
     bounds: Bounds | None = None
     simulability: Simulability | None = None
-    logs: LogParameters | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.model.own
 
     @cached_property
     def conditions(self) -> tuple[Cone, ...]:
@@ -129,8 +127,7 @@ class ConstrainedProblem:
         ]
         # The prior counts a rotor once, independently of the number of recordings with their own friction.
         weak = [replace(drive, weight=min(drive.weight, FRICTION_WEIGHT)) for drive in of_drives]
-        of_logs = [] if self.logs is None else log_conditions(self.logs, self.gamma, weak)
-        return (*links, *of_drives, *bounds, *of_logs)
+        return (*links, *of_drives, *bounds, *log_conditions(self.model, self.gamma, weak))
 
     @cached_property
     def start(self) -> Array:
@@ -142,12 +139,12 @@ class ConstrainedProblem:
             for index, parameter in enumerate(self.robot.standard_parameters):
                 if parameter.kind == "Ia":
                     x[index] *= 1.0 + 10.0 * wanted.step_s / wanted.rate * float(rates.max())
-        return x if self.logs is None else np.append(x, log_start(self.logs))
+        return np.append(x, log_start(self.model))
 
     @cached_property
     def matrix(self) -> Array:
         """Return the rows of ``B`` of the estimated parameters, (n_estimated, p + e), with unit rows for those of logs."""
-        return _beside(self.robot.base_parameters.matrix, self._n_further)[self.selection.estimated]
+        return _beside(self.robot.base_parameters.matrix, self.model.n_further)[self.model.unknowns.estimated]
 
     @cached_property
     def unknowns(self) -> Array:
@@ -159,11 +156,7 @@ class ConstrainedProblem:
         base, others = self.robot.base_parameters, self._regrouped
         columns = np.eye(len(self.robot.parameter_names))[:, [*others, *base.indices]]
         columns[np.ix_(base.indices, range(len(others)))] = -base.matrix[:, others]
-        return _beside(columns, self._n_further)
-
-    @property
-    def _n_further(self) -> int:
-        return 0 if self.logs is None else self.logs.n_further
+        return _beside(columns, self.model.n_further)
 
     @cached_property
     def _regrouped(self) -> list[int]:
@@ -172,8 +165,8 @@ class ConstrainedProblem:
 
     @cached_property
     def _problem(self) -> _core.ConsistentProblem:
-        p, b = len(self.unknowns), len(self.selection.roles)
-        known = [index for index, role in enumerate(self.selection.roles) if role != "estimated"]
+        p, b = len(self.unknowns), len(self.model.unknowns.roles)
+        known = [index for index, role in enumerate(self.model.unknowns.roles) if role != "estimated"]
         cones = []
         for condition in self.conditions:
             order = len(condition.constant)
@@ -187,7 +180,7 @@ class ConstrainedProblem:
                 p,
                 cones,
                 np.eye(p)[p - b :][known],
-                np.ascontiguousarray(self.selection.values[known]),
+                np.ascontiguousarray(self.model.unknowns.values[known]),
                 LEAST_WEIGHT,
             )
         except ValueError as reason:
@@ -220,10 +213,10 @@ class ConstrainedProblem:
         return solutions
 
     def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
-        p, b = len(self.unknowns), len(self.selection.roles)
+        p, b = len(self.unknowns), len(self.model.unknowns.roles)
         a = np.zeros((len(rows), p))
-        a[:, [p - b + index for index in self.selection.estimated]] = rows
-        base = _beside(self.robot.base_parameters.matrix, self._n_further)
+        a[:, [p - b + index for index in self.model.unknowns.estimated]] = rows
+        base = _beside(self.robot.base_parameters.matrix, self.model.n_further)
         start = np.append(self.start[self._regrouped], base @ self.start)
         try:
             return self._problem.solve(a, np.ascontiguousarray(right), start, threads)
@@ -235,8 +228,8 @@ class ConstrainedProblem:
 
         It is large for a parameter determined only by a weak prior, even if noise hardly moves that parameter.
         """
-        p, b = len(x), len(self.selection.roles)
-        free = [*range(p - b), *(p - b + index for index in self.selection.estimated)]
+        p, b = len(x), len(self.model.unknowns.roles)
+        free = [*range(p - b), *(p - b + index for index in self.model.unknowns.estimated)]
         columns = self.unknowns[:, free]
         curvature = columns.T @ self.marginal(x) @ columns
         curvature[p - b :, p - b :] += rows.T @ rows

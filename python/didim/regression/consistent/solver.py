@@ -7,7 +7,7 @@ physical constraints. Tested in ``tests/test_consistent.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, ClassVar
 
@@ -15,12 +15,10 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...robot.robot import Robot
+from ...terms.model import Model
+from ...terms.rows import LinearSystem, unit_columns
 from ..covariance import autocorrelated, covariance
 from ..fit import Fit, Progress
-from ..linear_system import LinearSystem, unit_columns
-from ..logs.parameters import LogParameters
-from ..selection import Selection
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 from .bounds import Bounds
@@ -70,13 +68,9 @@ class Consistent:
         if not number or not 0.0 <= self.gamma < np.inf:
             raise FitError(f"gamma must be a number of at least 0, got {self.gamma!r}")
 
-    def for_robot(self, robot: Robot, selection: Selection) -> ConsistentSolver:
-        """Return the solver for the systems of a robot."""
-        return ConsistentSolver(settings=self, robot=robot, selection=selection)
-
-    def for_logs(self, logs: LogParameters, selection: Selection) -> ConsistentSolver:
-        """Return the solver for the systems of a robot and its logs."""
-        return replace(self.for_robot(logs.robot, selection), logs=None if logs.simple else logs)
+    def for_model(self, model: Model) -> ConsistentSolver:
+        """Return the solver for the systems of a model."""
+        return ConsistentSolver(settings=self, model=model)
 
 
 CONSISTENT = Consistent()
@@ -85,36 +79,28 @@ CONSISTENT = Consistent()
 
 @dataclass(frozen=True, kw_only=True)
 class ConsistentSolver:
-    """Consistent least squares for the systems of one robot.
+    """Consistent least squares for the systems of one model.
 
     Attributes
     ----------
     settings : Consistent
         Weight, prior and bounds.
-    robot : Robot
-        The robot.
-    selection : Selection
-        Which base parameters the columns are.
+    model : Model
+        Whose estimated unknowns the columns are.
     problem : ConstrainedProblem or None
         The problem, with a prior sized by a log; if None, it is built for each system.
-    logs : LogParameters or None
-        Further parameters of the logs.
     """
 
     settings: Consistent
-    robot: Robot
-    selection: Selection
+    model: Model
     problem: ConstrainedProblem | None = None
-    logs: LogParameters | None = None
 
     def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConstrainedProblem:
         """Return the problem with its prior sized by a log, and with conditions (B) if requested."""
         wish = self.settings
-        prior = prior_of(self.robot, wish.prior, system, self.selection)
+        prior = prior_of(self.model.own, wish.prior, system, self.model.unknowns)
         gamma = gamma_of(system) if wish.gamma is None else wish.gamma
-        return ConstrainedProblem(
-            self.robot, self.selection, prior, gamma, wish.bounds, simulability, self.logs
-        )
+        return ConstrainedProblem(self.model, prior, gamma, wish.bounds, simulability)
 
     def __call__(
         self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None

@@ -38,10 +38,9 @@ from ..._tools.saved import UNBOUNDED
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
-from ..block import Rows
+from ...terms.rows import LinearSystem, Rows, unit_columns
 from ..fit import Fit
 from ..jackknife import intervals
-from ..linear_system import LinearSystem, unit_columns
 from .flips import joint_test
 from .sampling import slow_errors
 from .tested_laws import LawColumns, laws_to_test

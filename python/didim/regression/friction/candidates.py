@@ -18,7 +18,7 @@ from ...robot.friction import OF_TEMPERATURE, START_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
-from ..linear_system import LinearSystem
+from ...terms.rows import LinearSystem
 from .tested_laws import joint_scales
 from .velocity import decimated, slowest_law
 

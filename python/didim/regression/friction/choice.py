@@ -25,10 +25,11 @@ from ...robot.friction import Friction, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
-from ..linear_system import LinearSystem
+from ...terms.model import Model
+from ...terms.rows import LinearSystem
 from .candidates import joints_without_memory, narrowest_memory, pool_of
 from .screen import Folds, Screen, clear, law_at
-from .velocity import Chosen, SettledFriction, Solve, VelocityEstimate, other_curve, settled
+from .velocity import SettledFriction, Solve, VelocityEstimate, other_curve, settled
 
 LARGEST_MISFIT = 0.3
 """Relative error of held-out blocks above which no terms are chosen: it is more than friction."""
@@ -90,10 +91,9 @@ class FrictionChoice:
 
 
 def choose_terms(
-    robot: Robot,
+    model: Model,
     parts: Sequence[Window],
     signal: SignalProcessing,
-    chosen: Chosen,
     solve: Solve,
     resolved: Array | None = None,
 ) -> FrictionChoice:
@@ -101,9 +101,9 @@ def choose_terms(
 
     Parameters
     ----------
-    robot : Robot
-        Terms that its friction has already stay.
-    parts, signal, chosen, solve
+    model : Model
+        Terms that the friction of its robot has already stay.
+    parts, signal, solve
         As for `friction_velocity.settled`.
     resolved : ndarray, shape (n_dof,), optional
         Step of the encoder of each joint (rad or m).
@@ -115,10 +115,11 @@ def choose_terms(
     Raises
     ------
     FitError
-        As `linear_system` and the solver.
+        As `Model.rows` and the solver.
     """
+    robot = model.own
     own = tuple(term for term in robot.friction.terms if term.law != "load")
-    start = settled(robot.with_terms(own), parts, signal, chosen, solve)
+    start = settled(model.with_robot(robot.with_terms(own)), parts, signal, solve)
     plain = start.robot
     folds = Folds(start.system)
     before, refused = _judged(start.system, folds, *solve(start.system))
@@ -132,7 +133,7 @@ def choose_terms(
         )
 
     def settle(terms: Sequence[FrictionTerm]) -> SettledFriction:
-        return settled(plain.with_terms((*own, *terms)), parts, signal, chosen, solve, search=False)
+        return settled(model.with_robot(plain.with_terms((*own, *terms))), parts, signal, solve, search=False)
 
     trial = start
     narrowest = narrowest_memory(parts, resolved)

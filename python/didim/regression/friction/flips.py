@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array, quotient
-from ..block import Rows
+from ...terms.rows import Rows
 
 MOST_BLOCKS = 500
 """Number of blocks above which neighbouring ones are summed: their random signs take 4 000 numbers a block."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...robot.friction import FrictionTerm
-from ..linear_system import LinearSystem
+from ...terms.rows import LinearSystem
 from .candidates import Candidate
 
 HELD_OUT_BLOCKS = 5

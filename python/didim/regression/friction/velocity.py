@@ -22,14 +22,11 @@ from ...robot.robot import Robot
 from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window, at_place
-from ..linear_system import LinearSystem, linear_system
-from ..selection import select
+from ...terms.model import Model
+from ...terms.rows import LinearSystem
 
 Solve = Callable[[LinearSystem], tuple[Array, Array]]
 """Solution of a system: the estimate, (b,), and the weights of the rows, (r,)."""
-
-Chosen = tuple[dict[str, float], tuple[str, ...]]
-"""Fixed parameters with their values, and dropped ones."""
 
 Shape = Callable[[Robot, FrictionTerm, Array, Window], Array]
 """Columns of a law at velocities or widths (k,), along a segment: (n_samples, k)."""
@@ -125,10 +122,9 @@ class _Along:
 
 
 def settled(
-    robot: Robot,
+    model: Model,
     parts: Sequence[Window],
     signal: SignalProcessing,
-    chosen: Chosen,
     solve: Solve,
     *,
     search: bool = True,
@@ -137,14 +133,12 @@ def settled(
 
     Parameters
     ----------
-    robot : Robot
-        Some of its friction terms have unknown velocities, or depend on the load.
+    model : Model
+        Some friction terms of its robot have unknown velocities, or depend on the load.
     parts : sequence of Window
         Filtered motion and torque.
     signal : SignalProcessing
         Decimation.
-    chosen : (dict, tuple)
-        Fixed and dropped base parameters.
     solve : callable
         Solves a system: its estimate (b,) and its row weights (r,).
     search : bool
@@ -157,29 +151,28 @@ def settled(
     Raises
     ------
     FitError
-        As `linear_system` and the solver.
+        As `Model.rows` and the solver.
     """
     estimates: tuple[VelocityEstimate, ...] = ()
     # Without load friction the system does not depend on the estimate.
-    beta = _without_load(robot, parts, signal, chosen, solve) if robot.friction.has_load else None
+    beta = _without_load(model, parts, signal, solve) if model.own.friction.has_load else None
     passes = 0
     while True:
-        selection = select(robot, *chosen)
-        system = linear_system(robot, parts, signal, selection, beta)
-        if robot.friction.estimated:
-            robot, estimates = _estimate_velocities(_Along(robot, parts, signal, system), solve, search)
-            selection = select(robot, *chosen)
-            system = linear_system(robot, parts, signal, selection, beta)
+        system = model.rows(parts, signal, beta)
+        if model.own.friction.estimated:
+            robot, estimates = _estimate_velocities(_Along(model.own, parts, signal, system), solve, search)
+            model = model.with_robot(robot)
+            system = model.rows(parts, signal, beta)
         solution, _ = solve(system)
-        estimate = selection.expand(solution)
+        estimate = model.unknowns.expand(solution)
         if beta is None:
             break
         passes += 1
         change, beta = np.linalg.norm(estimate - beta), estimate
         if change <= SETTLED_VELOCITY * np.linalg.norm(estimate) or passes == LOAD_PASSES:
-            system = linear_system(robot, parts, signal, selection, beta)
+            system = model.rows(parts, signal, beta)
             break
-    return SettledFriction(robot=robot, beta=estimate, system=system, velocities=estimates, passes=passes)
+    return SettledFriction(robot=model.own, beta=estimate, system=system, velocities=estimates, passes=passes)
 
 
 def with_slopes(
@@ -224,19 +217,16 @@ def other_curve(term: FrictionTerm) -> FrictionTerm:
 
 
 def _without_load(
-    robot: Robot,
+    model: Model,
     parts: Sequence[Window],
     signal: SignalProcessing,
-    chosen: Chosen,
     solve: Solve,
 ) -> Array:
     """Return the base parameters of a first fit that leaves load friction out."""
-    fixed, dropped = chosen
-    loads = [term.parameter for term in robot.friction.terms if term.law == "load"]
-    fixed = {name: value for name, value in fixed.items() if name not in loads}
-    selection = select(robot, fixed, tuple(dict.fromkeys((*dropped, *loads))))
-    system = linear_system(robot, parts, signal, selection)
-    return selection.expand(solve(system)[0])
+    loads = [term.parameter for term in model.own.friction.terms if term.law == "load"]
+    fixed = {name: value for name, value in model.unknowns.given("fixed").items() if name not in loads}
+    without = model.choosing(fixed, {*model.unknowns.given("dropped"), *loads})
+    return without.unknowns.expand(solve(without.rows(parts, signal))[0])
 
 
 def _estimate_velocities(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.parameters import friction_names
-from ..linear_system import LinearSystem, unit_columns
+from ...terms.rows import LinearSystem, unit_columns
 
 
 @dataclass(frozen=True, eq=False)

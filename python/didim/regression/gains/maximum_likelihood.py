@@ -15,9 +15,9 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.words import joints_text, series
 from ...errors import FitError, RankError
+from ...terms.rows import LinearSystem, unit_columns
 from ..covariance import covariance
 from ..fit import Fit
-from ..linear_system import LinearSystem, unit_columns
 from ..settings import LeastSquaresSettings
 from .currents import Currents
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array
 from ...robot.friction import NAMES
 from ...robot.parameters import friction_names
+from ...terms.rows import LinearSystem
 from ..fit import Fit
 from ..jackknife import Factors, intervals
-from ..linear_system import LinearSystem
 
 Kind = Literal["offset", "friction", "level"]
 

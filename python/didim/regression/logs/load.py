@@ -20,10 +20,9 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...robot.payload import ends, link_columns
 from ...robot.robot import Robot
-from ..block import Rows
+from ...terms.rows import LinearSystem, Rows, unit_columns
 from ..fit import Fit
 from ..jackknife import intervals
-from ..linear_system import LinearSystem, unit_columns
 from ..settings import BLOCKS
 from ..weights import per_row
 from .drift import DEPENDENT_EIGENVALUE, FEWEST

@@ -23,9 +23,7 @@ from ...log.recording import Recording
 from ...methods.method import FitSettings
 from ...regression.covariance import decimated
 from ...regression.jackknife import Factors, independent, intervals
-from ...regression.linear_system import LinearSystem, linear_system
 from ...regression.logs.body import nearest_bodies
-from ...regression.logs.parameters import ColumnBlock, LogParameters
 from ...regression.settings import LeastSquaresSettings
 from ...regression.weights import joint_sigma, per_row
 from ...result.finding import Finding
@@ -36,6 +34,10 @@ from ...robot.payload import NOTHING, Payload, frame_of_payloads
 from ...robot.rigid_body import central, pseudo_inertia, roll_pitch_yaw
 from ...robot.robot import Robot
 from ...signal.window import Window
+from ...terms.build import model_of
+from ...terms.model import Model
+from ...terms.rows import LinearSystem
+from ...terms.share import ColumnBlock
 from ..loaded import as_fitted, unloaded
 from ..validation import same_robot
 from .payload_result import PayloadEstimate
@@ -78,7 +80,7 @@ class _Found:
     """
 
     experiment: Experiment
-    parameters: LogParameters
+    parameters: Model
     parts: Sequence[Window]
     system: LinearSystem
     solved: _Solved
@@ -159,19 +161,17 @@ def _found(
         )
     experiment, name = _with_unknown(experiment, link)
     robot = experiment.robot
-    parameters = LogParameters.of(
-        robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
-    )
+    parameters = model_of(robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False)
     job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
     parts = job.parts("fit", delay)
     beta = robot.base_parameters.project(fit.parameters)  # for load friction, without the payload
-    system = linear_system(robot, parts, job.signal, parameters.select({}, ()), beta, parameters)
+    system = parameters.rows(parts, job.signal, beta)
     solved = _solve(fit, system, parameters, job.settings)
     block, entries = next(
-        (block, entries)
-        for block, entries in parameters.slices()
-        if (block.kind, block.owner) == ("payload", name)
+        (share.block, entries)
+        for share, entries in parameters.slices()
+        if (share.block.kind, share.block.owner) == ("payload", name)
     )
     known, columns, names = experiment.payloads[name].split
     chosen = columns[:, [names.index(entry) for entry in block.names]]
@@ -206,13 +206,13 @@ def _estimate(found: _Found, block: ColumnBlock) -> PayloadEstimate:
         n_blocks=solved.n_blocks,
         relative_error=system.norms(solved.residual) / np.where(sizes > 0.0, sizes, np.nan),
         offsets={
-            entry.full_names[k]: (
+            share.block.full_names[k]: (
                 float(solved.theta[where][k]),
                 float(np.sqrt(solved.covariance[where, where][k, k])),
             )
-            for entry, where in found.parameters.slices()
-            if entry.kind in ("offset", "friction")
-            for k in range(len(entry.names))
+            for share, where in found.parameters.slices()
+            if share.block.kind in ("offset", "friction")
+            for k in range(len(share.block.names))
         },
         remarks=other_frames(robot, experiment.flange) if payload.link is None else (),
     )
@@ -313,11 +313,11 @@ def _with_unknown(experiment: Experiment, link: str | None) -> tuple[Experiment,
 
 @np.errstate(over="ignore", invalid="ignore")  # absurdly large samples end in an error
 def _solve(
-    fit: Identification, system: LinearSystem, parameters: LogParameters, settings: LeastSquaresSettings
+    fit: Identification, system: LinearSystem, parameters: Model, settings: LeastSquaresSettings
 ) -> _Solved:
     """Solve for the further parameters, with the uncertainty of the robot's parameters."""
     b = parameters.n_base
-    beta = parameters.robot.base_parameters.project(fit.parameters)
+    beta = parameters.own.base_parameters.project(fit.parameters)
     root = _root(fit.covariance)
     columns = np.hstack([system.w[:, :b] @ root, system.w[:, b:]])
     y = system.y - system.w[:, :b] @ beta

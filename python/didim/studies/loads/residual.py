@@ -28,9 +28,6 @@ from ...log.recording import Recording
 from ...loop.tuning import largest_coulomb
 from ...methods.job import Delay
 from ...methods.method import FitSettings
-from ...regression.linear_system import linear_system
-from ...regression.logs.parameters import LogParameters, independent
-from ...regression.selection import select
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.table import table_lines
@@ -42,6 +39,8 @@ from ...signal.align import align
 from ...signal.noise import stamp_noise
 from ...signal.spikes import without_spikes
 from ...signal.window import windows_of
+from ...terms.model import Model
+from ...terms.share import independent
 from ..loaded import as_fitted, standard_in, unloaded
 from ..prediction import Prediction, predict
 from ..validation import same_robot
@@ -307,7 +306,7 @@ def _evidence(
     spans = recording.windows[window : window + 1]
     parts = windows_of(recording, experiment.signal, delay=delay.samples, hold_s=delay.hold_s, spans=spans)
     robot = experiment.robot
-    logs = LogParameters(robot, (), {}, {}, {})
+    logs = Model(robot)
     beta = robot.base_parameters.project(x)
     found = applied_findings(AppliedLog(robot, experiment.signal, logs, beta, parts, [recording]), errors)
     if change is None or any(
@@ -399,7 +398,7 @@ def _payload_change(
         recording, experiment.signal, delay=shift, spans=recording.windows[window : window + 1]
     )
     beta = robot.base_parameters.project(x)
-    system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
+    system = Model(robot).rows([part], experiment.signal, beta)
     n = robot.n_dof
     rows = system.y.size // n
     residual = (system.y - system.w @ beta).reshape(n, rows).T

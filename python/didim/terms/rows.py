@@ -1,178 +1,113 @@
-"""The linear system (6), (7) of recordings: rows joint by joint, windows one after the other.
+"""Rows of the linear system (7): joint by joint, and within a joint window by window of the recordings.
 
-Each window of a recording is filtered separately, so samples outside it (a stop, a tool change) have no influence. Y and every
-column of W pass the same decimation filter, which preserves the linear relation between them.
+Weights, the variance (9), the covariance of decimated noise, the jackknife over windows, and parameters of single logs only
+depend on blocks, the rows of one joint in one window. Tested in ``tests/test_identify.py`` and ``tests/test_solver.py``.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, groupby
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import didim._core as _core
-
 from .._tools.arrays import Array, ratio
-from .._tools.threads import core_threads
 from .._tools.words import counted
-from ..errors import CoreErrorsAs, FitError
-from ..model.dynamics import rigid_torque
-from ..model.memory import memory_columns
+from ..errors import FitError
 from ..robot.placement import joined
-from ..robot.robot import Robot
-from ..signal.decimation import Stage, decimate, decimation_stages, row_values
-from ..signal.noise import noise_correlation
-from ..signal.processing import SignalProcessing
-from ..signal.window import Window, at_place
-from .block import Block, by_joint, stacked
-from .logs.parameters import LogParameters
-from .selection import Selection
+
+Rows = NDArray[np.intp]
+"""Numbers of rows of a system."""
 
 
-def linear_system(
-    robot: Robot,
-    parts: Sequence[Window],
-    signal: SignalProcessing,
-    selection: Selection,
-    beta: Array | None = None,
-    logs: LogParameters | None = None,
-) -> LinearSystem:
-    """Build (7) of several segments, with the fixed parameters moved to the left side.
+@dataclass(frozen=True)
+class Block:
+    """Rows of one joint in one window.
+
+    Attributes
+    ----------
+    rows : slice
+        Rows of the system, in the order of time.
+    joint : int
+        Joint, from 0.
+    recording : int
+        Recording, from 0, among those of the experiment.
+    window : int
+        Window of the recording, from 0.
+    rate_hz : float
+        Rate of the rows, after decimation.
+    correlation : (n_lags,) array or None
+        Autocorrelation on these rows of white noise in the log, from lag 0 (1) on; None if it stays white.
+    """
+
+    rows: slice
+    joint: int
+    recording: int = 0
+    window: int = 0
+    rate_hz: float = 1.0
+    correlation: Array | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return len(self.numbers)
+
+    @property
+    def numbers(self) -> Rows:
+        """Numbers of the rows in the system."""
+        return np.arange(self.rows.start, self.rows.stop, self.rows.step or 1)
+
+
+def stacked(
+    n_joints: int,
+    lengths: Sequence[int],
+    *,
+    places: Sequence[tuple[int, int]] | None = None,
+    rates_hz: Sequence[float] | None = None,
+    correlation: Array | None = None,
+) -> tuple[Block, ...]:
+    """Return the blocks of rows in the order of joints and, within a joint, of windows.
 
     Parameters
     ----------
-    robot : Robot
-        Robot with the base columns of the regressor (2).
-    parts : sequence of Window
-        At least one.
-    signal : SignalProcessing
-        Decimation.
-    selection : Selection
-        Fixed and dropped parameters.
-    beta : ndarray, shape (n_base,), optional
-        Base parameters for the torque of links and rotors in the columns of load friction, which is zero without them.
-    logs : LogParameters, optional
-        Further parameters of some recordings, whose columns follow the base columns; `selection` then covers all of them.
-
-    Returns
-    -------
-    LinearSystem
-        Columns of the estimated parameters only.
-
-    Raises
-    ------
-    SignalError
-        When the decimation cannot be applied; the message names recording and window.
-    FitError
-        When numbers are too large for floating point.
-
-    Notes
-    -----
-    ``test_identify.py`` checks the order of the rows, and recovers the parameters from noise-free recordings.
+    n_joints : int
+        Number of joints.
+    lengths : sequence of int
+        Rows of each window, for each joint the same.
+    places : sequence of (int, int), optional
+        Recording and window of each; by default windows of one recording.
+    rates_hz : sequence of float, optional
+        Rate of each; 1 Hz by default.
+    correlation : (n_lags,) array, optional
+        See `Block`.
     """
-    columns = list(robot.base_parameters.indices)
-    n_dof = robot.n_dof
-    w_parts, y_parts, payload_parts = [], [], []
-    for part in parts:
-        with at_place(part.place):
-            stages = decimation_stages(part.q.shape[0], signal)
-            w = observation(robot, part, columns, stages, beta)
-        y_parts.append(_torques(part, signal))
-        w = w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows]
-        if logs is not None and not logs.simple:
-            payload_parts.append(w @ logs.base_known(part.recording))
-            w = np.concatenate([w, w @ logs.base_columns(part.recording)], axis=2)
-        w_parts.append(w)
-    rows = sum(y.shape[1] for y in y_parts)
-    names = robot.base_parameters.names if logs is None else logs.names
-    # The core's columns are contiguous, those of the system are not: one copy joins and transposes them.
-    w_all = np.concatenate(w_parts, axis=1, out=np.empty((n_dof, rows, len(names))))
-    w_all = w_all.reshape(n_dof * rows, len(names))
-    y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)
-    estimated = selection.estimated
-    known = None
-    if len(estimated) < len(names) or payload_parts:
-        with np.errstate(over="ignore", invalid="ignore"):  # reported below
-            known = w_all @ selection.values
-            if payload_parts:
-                known = known + np.concatenate(payload_parts, axis=1).reshape(-1)
-            y_all = y_all - known
-        if not np.isfinite(y_all).all():
-            raise FitError(
-                "the torques of the fixed parameters are too large for floating point; check their values"
-            )
-        w_all = w_all[:, estimated]
-    return LinearSystem(
-        w=np.ascontiguousarray(w_all),
-        y=np.ascontiguousarray(y_all),
-        blocks=stacked(
-            n_dof,
-            [y.shape[1] for y in y_parts],
-            places=[(part.recording, part.number) for part in parts],
-            rates_hz=[part.rate_hz / math.prod(signal.decimation) for part in parts],
-            correlation=noise_correlation(signal),
-        ),
-        names=tuple(names[index] for index in estimated),
-        known=known,
-    )
+    places = [(0, window) for window in range(len(lengths))] if places is None else places
+    rates = [1.0] * len(lengths) if rates_hz is None else rates_hz
+    blocks, start = [], 0
+    for joint in range(n_joints):
+        for length, (recording, window), rate in zip(lengths, places, rates, strict=True):
+            rows = slice(start, start + length)
+            blocks.append(Block(rows, joint, recording, window, rate, correlation))
+            start += length
+    return tuple(blocks)
 
 
-def torque_rows(parts: Sequence[Window], signal: SignalProcessing) -> Array:
-    """Return the torques of segments in the rows of (7), (r,), including those of known parameters."""
-    return np.concatenate([_torques(part, signal) for part in parts], axis=1).reshape(-1)
+def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
+    """Return the blocks of each joint."""
+    return _grouped(blocks, lambda block: block.joint)
 
 
-def _torques(part: Window, signal: SignalProcessing) -> Array:
-    """Return the decimated torques of a segment, (n_dof, n_kept)."""
-    with at_place(part.place):
-        y = row_values(part.tau, signal).T
-    if y.shape[1] == 0:
-        raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
-    return y
+def by_window(blocks: Iterable[Block]) -> list[list[Block]]:
+    """Return the blocks of each window of each recording, which a jackknife leaves out together."""
+    return _grouped(blocks, lambda block: (block.recording, block.window))
 
 
-def observation(
-    robot: Robot,
-    part: Window,
-    columns: Sequence[int],
-    stages: Sequence[Stage],
-    beta: Array | None = None,
-) -> Array:
-    """Build the observation matrix (6) of one segment: (n_dof * n_kept, n_columns), rows joint by joint.
-
-    Raises
-    ------
-    FitError
-        When the core refuses the segment, or a number is too large for floating point.
-    """
-    load = None
-    columns = list(columns)
-    if robot.friction.has_load:
-        x = robot.base_parameters.lift(np.zeros(len(robot.base_parameters.names)) if beta is None else beta)
-        load = rigid_torque(robot, part.q, part.dq, part.ddq, x)
-    with CoreErrorsAs(FitError):
-        w = np.asarray(
-            _core.observation(
-                robot.core, part.q, part.dq, part.ddq, columns, list(stages), core_threads(), load=load
-            )
-        )
-    for name, joint, column in memory_columns(robot, part.q, part.dq, load, part.temperature):
-        index = robot.parameter_names.index(name)
-        if index in columns:
-            rows = len(w) // robot.n_dof
-            w[joint * rows : (joint + 1) * rows, columns.index(index)] += decimate(column[:, None], stages)[
-                :, 0
-            ]
-    if not np.isfinite(w).all():
-        raise FitError(
-            "positions, velocities or accelerations are too large for floating point; check their unit"
-        )
-    return w
+def _grouped(blocks: Iterable[Block], key: Callable[[Block], Any]) -> list[list[Block]]:
+    return [list(group) for _, group in groupby(sorted(blocks, key=key), key)]
 
 
 @dataclass(frozen=True, kw_only=True)
