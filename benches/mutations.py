@@ -90,7 +90,7 @@ PYTHON = (
     ),
     Mutation(
         "the delay of the torque has the other sign",
-        "python/didim/signal/align.py",
+        "python/didim/signal/window.py",
         "whole = math.floor(delay)",
         "whole = math.floor(-delay)",
         "tests/test_delay.py",

@@ -21,10 +21,10 @@ from scipy.signal import lfilter
 
 import didim
 from didim.methods.uncertainty import spread_of_fit
-from didim.regression.jackknife import Factors, intervals
+from didim.regression.covariance import Factors, intervals
 from didim.regression.least_squares import solve
 from didim.result.uncertainty import student_factor
-from didim.signal.decimation import decimate, decimation_stages
+from didim.signal.filters import decimate, decimation_stages
 from didim.studies.simulated_log import measured
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from didim.errors import FitError
 from didim.experiment.experiment import Experiment
 from didim.experiment.experiment_file import load_experiment
 from didim.regression.settings import LeastSquaresSettings
-from didim.signal.align import DelaySettings
+from didim.signal.window import DelaySettings
 from didim.studies.prediction import predict, relative_errors
 from didim.studies.simulated_log import simulated_log
 

@@ -11,7 +11,7 @@ import didim
 from didim.errors import SignalError
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
-from didim.signal.decimation import decimation_stages, least_samples
+from didim.signal.filters import decimation_stages, least_samples
 from didim.signal.processing import SignalProcessing
 
 ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.01)

@@ -18,7 +18,7 @@ from didim.cli.main import main
 from didim.experiment.experiment_file import load_experiment
 from didim.regression.solver import SOLVERS
 from didim.result.identification import Identification
-from didim.result.status import Status
+from didim.result.iteration import Status
 from didim.robot.robot_file import load_robot
 from scripts import one_line
 

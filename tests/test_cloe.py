@@ -19,10 +19,9 @@ from didim.methods.cloe import nelder_mead
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.method import FitSettings
 from didim.result.identification import Identification
-from didim.result.iteration import Iteration, Reporter
-from didim.result.status import Status
-from didim.signal.align import DelaySettings
+from didim.result.iteration import Iteration, Reporter, Status
 from didim.signal.noise import white_noise
+from didim.signal.window import DelaySettings
 from didim.studies.compare import position_norms
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from pickling_executor import Pickling

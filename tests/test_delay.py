@@ -20,8 +20,8 @@ from didim.regression.delay import _Search
 from didim.result.identification import Identification
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
-from didim.signal.align import DelaySettings, align
 from didim.signal.processing import SignalProcessing
+from didim.signal.window import DelaySettings, align
 from didim.studies.prediction import predict
 from didim.studies.simulated_log import packaged_experiment, simulated_log
 

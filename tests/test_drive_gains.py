@@ -16,6 +16,7 @@ from didim.log.recording import Recording
 from didim.methods.method import MethodSettings
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent
 from didim.regression.settings import LeastSquaresSettings
+from didim.robot.friction import FrictionTerm
 from didim.robot.payload import Payload, last_link
 from didim.terms.rows import LinearSystem
 from scripts import script
@@ -198,6 +199,9 @@ def test_what_cannot_be_known_is_said() -> None:
         didim.identify(experiment, didim.DIDIM(physical=True))
     with pytest.raises(FitError, match="delay of currents with unknown gains is not estimated"):
         didim.identify(experiment, didim.DIDIM(compensate_samples="estimate"))
+    asked = FrictionTerm(law="atan", joint=0, velocity=0.1, estimated=True)
+    with pytest.raises(FitError, match="need torques, and recordings have currents"):
+        didim.identify(replace(experiment, robot=experiment.robot.with_terms([asked])), didim.IDIMLS())
     one, two = experiment.recordings
     with pytest.raises(FitError, match="do not both have currents"):
         didim.identify(replace(experiment, recordings=(one, replace(two, drives=None))), didim.IDIMLS())

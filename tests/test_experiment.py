@@ -18,8 +18,8 @@ from didim.experiment.specs import ControllerSpec, Measurement, ReferenceSpec, S
 from didim.log.recording import Recording
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.robot_file import load_robot
-from didim.signal.align import DelaySettings
 from didim.signal.processing import SignalProcessing
+from didim.signal.window import DelaySettings
 
 N = 60
 LOG = """\

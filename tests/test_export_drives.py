@@ -18,7 +18,7 @@ from didim.export.configuration import bam, isaac_lab, mjlab
 from didim.export.drives import Drives, JointDrive, drives_of, for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.result.identification import Identification
-from didim.result.status import Status
+from didim.result.iteration import Status
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
 

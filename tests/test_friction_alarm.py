@@ -11,8 +11,7 @@ import pytest
 
 import didim
 import didim.regression.friction.alarm as of_residual
-from didim.regression.friction.alarm import FrictionAlarm
-from didim.regression.friction.tested_laws import LawColumns, laws_to_test
+from didim.regression.friction.alarm import FrictionAlarm, LawColumns, laws_to_test
 from didim.result.identification import Identification
 from didim.robot.friction import FrictionTerm
 from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.regression.friction.exchange import EXCHANGED, SHARES, Exchange
+from didim.regression.friction.alarm import EXCHANGED, SHARES, Exchange
 from didim.report.fit import fit_page
 from didim.robot.friction import FrictionTerm
 from test_friction_terms import log, motion, parameters, planar

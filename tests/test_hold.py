@@ -20,8 +20,8 @@ from didim.methods.idim_iv import IDIMIV
 from didim.methods.idim_ls import IDIMLS
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
-from didim.signal.align import hold_samples
 from didim.signal.processing import SignalProcessing
+from didim.signal.window import hold_samples
 from didim.studies.simulated_log import measured, simulated_log
 from didim.studies.validation import validate
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from didim._tools.saved import restored
 from didim.errors import FitError
 from didim.result.identification import Identification
-from didim.result.iteration import HeldOut, Iteration
-from didim.result.status import Status
+from didim.result.iteration import HeldOut, Iteration, Status
 from didim.result.uncertainty import TimeBlock, Uncertainty
 
 

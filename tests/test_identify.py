@@ -15,8 +15,7 @@ from didim.log.recording import Recording
 from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
 from didim.methods.table import METHODS, method_class
-from didim.result.iteration import Iteration
-from didim.result.status import Status
+from didim.result.iteration import Iteration, Status
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
 from didim.signal.processing import SignalProcessing

@@ -165,7 +165,7 @@ def test_observation_without_filters_is_the_regressor_joint_by_joint(
 def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
     robot = didim.load_robot("tx40")
     motion = random_motion(np.random.default_rng(1), 400, 6)
-    from didim.signal.decimation import decimation_stages
+    from didim.signal.filters import decimation_stages
     from didim.signal.processing import SignalProcessing
 
     stages = decimation_stages(400, SignalProcessing(decimation=(5,)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from didim.regression.jackknife import (
+from didim.regression.covariance import (
     Branches,
     Factors,
     deletion_covariance,

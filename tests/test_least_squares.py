@@ -13,7 +13,7 @@ from didim import _core
 from didim.errors import FitError, RankError
 from didim.regression.least_squares import solve
 from didim.regression.settings import LeastSquaresSettings
-from didim.signal.decimation import decimate, decimation_stages
+from didim.signal.filters import decimate, decimation_stages
 from didim.signal.noise import noise_correlation
 from didim.signal.processing import SignalProcessing
 from didim.terms.rows import LinearSystem, stacked

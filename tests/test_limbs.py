@@ -34,8 +34,7 @@ from didim.methods.didim.simulator import LogSimulator
 from didim.methods.didim.slack import simulated_rows, torques_after
 from didim.methods.didim.windows import Iterate, Simulated
 from didim.model.limbs import Directions, Limb, limbs_of, renamed
-from didim.result.iteration import Iteration, Reporter
-from didim.result.status import Status
+from didim.result.iteration import Iteration, Reporter, Status
 from didim.robot.robot import Robot
 from didim.studies.simulated_log import simulated_log
 from simulated import closed_loop_log

@@ -14,6 +14,8 @@ from didim import Experiment
 from didim.errors import ExperimentError, FitError
 from didim.methods.builder import Run, fitted, solved_status
 from didim.methods.method import Method
+from didim.regression.friction.velocity import settled
+from didim.robot.friction import FrictionTerm
 from didim.robot.payload import Payload
 from didim.studies.prediction import predict, relative_errors
 from several import DISC, arm_logs, further
@@ -274,3 +276,29 @@ def test_check_knows_payloads_and_leaves_currents_alone() -> None:
     assert finding.advice.startswith("Identify them by idim-ls")
     (finding,) = didim.check(replace(log, recordings=currents, payloads={"disc": Payload(name="disc")}))
     assert "add a recording with a payload of known mass" in finding.advice
+
+
+def test_a_payload_offsets_and_friction_laws_are_one_problem(exact: Experiment) -> None:
+    """A velocity, load friction under a payload, and offsets of a recording, from torques that have exactly these."""
+    laws = [FrictionTerm(law="stribeck", joint=0, velocity=0.3), FrictionTerm(law="load", joint=1)]
+    asked = [replace(laws[0], velocity=0.1, estimated=True), laws[1]]
+    robot = exact.robot.with_terms(laws)
+    job = didim.IDIMLS().job(replace(exact, robot=exact.robot.with_terms(asked)))
+    values = dict(zip(exact.robot.parameter_names, exact.robot.parameter_set("reference"), strict=True))
+    values |= {"Fs1": 0.4, "Fl2": 0.06}
+    truth = {**TRUTH, "log 3.Off1": 0.3, "log 3.Off2": -0.2}
+    x = job.model.extended(np.array([values[name] for name in robot.parameter_names]), truth)
+    parts = [
+        replace(
+            part,
+            tau=didim.inverse_dynamics(
+                robot, part.q, part.dq, part.ddq, job.model.standard(x, part.recording)
+            ),
+        )
+        for part in job.parts("fit")
+    ]
+    found = settled(job.model, parts, job.signal, job.estimate)
+    (velocity,) = found.velocities
+    assert velocity.identified
+    assert velocity.velocity == pytest.approx(0.3, rel=1e-4)
+    np.testing.assert_allclose(found.beta, job.model.project(x), atol=1e-4)

@@ -24,7 +24,7 @@ from didim.experiment.specs import SimulationSettings
 from didim.model.kinematics import frames
 from didim.plot.style import MOST_POINTS, line, thin
 from didim.robot.robot import JointLimits, Robot
-from didim.signal.decimation import DECIMATION_RIPPLE_DB
+from didim.signal.filters import DECIMATION_RIPPLE_DB
 from didim.signal.noise import noise_correlation
 from didim.signal.processing import SignalProcessing
 from didim.studies.prediction import autocorrelation, predict, relative_errors, simulate_window

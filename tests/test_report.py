@@ -33,7 +33,7 @@ from didim.plot import style
 from didim.report.fit import judged
 from didim.report.page import Html, table
 from didim.report.picture import PHONE_IN, column_edges, panels_of, picture, row_edges
-from didim.result.status import Status
+from didim.result.iteration import Status
 from didim.studies.comparison import sentences
 from didim.studies.simulated_log import packaged_experiment
 from several import arm_logs

@@ -10,7 +10,7 @@ import didim
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
 from didim.regression.classical.solvers import Ridge
-from didim.regression.jackknife import intervals
+from didim.regression.covariance import intervals
 from didim.terms.rows import stacked
 
 

@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 
 from didim import _core
 from didim.errors import SignalError
-from didim.signal.decimation import _decimation_filter, decimate, decimation_stages
-from didim.signal.filters import central_differences, differentiate, zero_phase_butterworth
+from didim.signal.filters import (
+    _decimation_filter,
+    central_differences,
+    decimate,
+    decimation_stages,
+    differentiate,
+    zero_phase_butterworth,
+)
 from didim.signal.noise import _squared_gain, noise_correlation
 from didim.signal.processing import Form, SignalProcessing
 

@@ -20,7 +20,7 @@ from didim import DIDIM, _core, identify
 from didim._tools.threads import core_threads
 from didim.cli.main import main
 from didim.errors import ThreadsError
-from didim.signal.decimation import decimation_stages
+from didim.signal.filters import decimation_stages
 from didim.signal.processing import SignalProcessing
 
 

@@ -33,9 +33,9 @@ from didim.model.limbs import Directions
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
 from didim.regression.consistent.problem import ConstrainedProblem
+from didim.regression.covariance import Factors
 from didim.regression.friction.alarm import _freed, friction_alarm
 from didim.regression.friction.velocity import settled
-from didim.regression.jackknife import Factors
 from didim.regression.least_squares import solve
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.friction import FrictionTerm

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import didim
 import didim.methods.builder as builder
-import didim.regression.friction.flips as flips
+import didim.regression.friction.alarm as flips
 from didim.errors import ExcitationError, FitError
 from didim.evidence.gain_check import unchecked
 from didim.evidence.loop.simulated import (
@@ -33,17 +33,14 @@ from didim.methods.didim.globalisation import SecantSteps
 from didim.methods.idim_iv import _sentences
 from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
-from didim.regression.covariance import autocorrelated
+from didim.regression.covariance import Jackknife, autocorrelated, intervals
 from didim.regression.delay import _shared
-from didim.regression.friction.alarm import FrictionAlarm
-from didim.regression.friction.flips import joint_test
+from didim.regression.friction.alarm import FrictionAlarm, joint_test, laws_to_test
 from didim.regression.friction.screen import Folds
-from didim.regression.friction.tested_laws import laws_to_test
-from didim.regression.jackknife import Jackknife, intervals
 from didim.regression.logs.body import _inside
 from didim.regression.logs.load import Load
 from didim.regression.settings import LeastSquaresSettings
-from didim.result.status import Status
+from didim.result.iteration import Status
 from didim.signal.processing import SignalProcessing
 from didim.terms.rows import Block
 from plain import stub

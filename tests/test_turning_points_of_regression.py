@@ -27,11 +27,10 @@ from didim.regression.delay import _Search
 from didim.regression.friction.candidates import _offers
 from didim.regression.friction.screen import Screen, _Fold, _solved, _State, _Step, clear
 from didim.regression.gains.maximum_likelihood import expected_sentence
-from didim.regression.least_squares import dependence_sentence, solve
+from didim.regression.least_squares import dependence_sentence, joint_sigma, solve
 from didim.regression.logs.body import nearest_bodies
 from didim.regression.logs.drift import differences
 from didim.regression.logs.load import _load
-from didim.regression.weights import joint_sigma
 from didim.robot.friction import FrictionTerm
 from didim.terms.rows import Block, LinearSystem, stacked
 from plain import stub

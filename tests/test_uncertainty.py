@@ -46,15 +46,15 @@ def log(arm: Experiment) -> Experiment:
     return measured(arm, 1)
 
 
+def all_estimated(count: int) -> Unknowns:
+    return Unknowns(tuple(Unknown(name=str(k), unit="") for k in range(count)))
+
+
 @pytest.mark.parametrize(
     "method",
     [IDIMLS(), DIDIM(), CLOE(start="unit"), CLOE(output="torque", start="unit")],
     ids=["idim-ls", "didim", "cloe", "clie"],
 )
-def all_estimated(count: int) -> Unknowns:
-    return Unknowns(tuple(Unknown(name=str(k), unit="") for k in range(count)))
-
-
 def test_every_method_has_the_jackknife(log: Experiment, truth: Array, method: Method) -> None:
     fit = identify(log, method)
     found = fit.uncertainty

@@ -51,7 +51,7 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from .result.contrast import contrast as contrast
     from .result.identification import Identification as Identification
     from .result.iteration import Iteration as Iteration
-    from .result.status import Status as Status
+    from .result.iteration import Status as Status
     from .result.verdict import Reason as Reason
     from .result.verdict import Verdict as Verdict
     from .robot.friction import FrictionTerm as FrictionTerm
@@ -98,8 +98,7 @@ _LATER = _by_name(
         "regression.recursive": "Recursive",
         "result.contrast": "contrast",
         "result.identification": "Identification",
-        "result.iteration": "Iteration",
-        "result.status": "Status",
+        "result.iteration": "Iteration Status",
         "result.verdict": "Reason Verdict",
         "robot.friction": "FrictionTerm",
         "robot.parameter_file": "load_parameters",

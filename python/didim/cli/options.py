@@ -187,7 +187,7 @@ def add_format(parser: Options) -> None:
 
 def exit_code(fit: Identification, *, strict: bool = False) -> int:
     """Exit code of an identification, by its status and its verdict."""
-    from ..result.status import Status
+    from ..result.iteration import Status
     from ..result.verdict import State
 
     if fit.status is Status.INTERRUPTED:

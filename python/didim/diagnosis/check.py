@@ -37,7 +37,7 @@ from ..methods.positions.prospect import prospect
 from ..regression.logs.load import load_beyond
 from ..result.finding import Finding, worded
 from ..result.identification import Identification
-from ..signal.decimation import least_samples
+from ..signal.filters import least_samples
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
 from ..studies.run import standard_parameters

@@ -18,7 +18,7 @@ from ..model.dynamics import inverse_dynamics
 from ..result.finding import Finding, Grade, Remedy
 from ..result.identification import Identification
 from ..robot.robot import Robot
-from ..signal.decimation import row_values
+from ..signal.filters import row_values
 from ..signal.noise import noise_correlation, row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.spikes import alone, without_lone

@@ -18,10 +18,10 @@ from ..errors import DidimError, FitError
 from ..log.recording import Recording
 from ..model.limbs import Limb, limb_of, links_with
 from ..regression.consistent.solver import Consistent, gamma_of
-from ..regression.jackknife import FEWEST_ROWS
+from ..regression.covariance import FEWEST_ROWS
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.filters import decimate, decimation_stages
 from ..signal.noise import row_noise
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, stretches

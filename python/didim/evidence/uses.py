@@ -21,7 +21,7 @@ from ..result.verdict import Use
 from ..robot.payload import ends, link_columns
 from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
-from ..signal.decimation import row_values
+from ..signal.filters import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
 from ..terms.rows import LinearSystem

@@ -21,8 +21,8 @@ from ..robot.correspondence import Pose
 from ..robot.payload import Payload
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
-from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
+from ..signal.window import DelaySettings
 from ..terms.base import dropped_names
 from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
 from .unknown import Unknown

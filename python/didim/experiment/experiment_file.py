@@ -27,8 +27,8 @@ from ..regression.settings import LeastSquaresSettings
 from ..robot.payload import Payload, carrying_joint, read_flange, read_payload
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
-from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
+from ..signal.window import DelaySettings
 from .experiment import Experiment
 from .loop_tables import read_controller, read_measurement, read_reference, read_simulation
 from .specs import SimulationSettings

@@ -17,11 +17,10 @@ from ..loop.controller import Controller
 from ..loop.memory import BALANCE, ZERO, ControllerMemory, memory_of_log, remembers
 from ..loop.reference import Reference
 from ..robot.robot import Robot
-from ..signal.align import Shift
 from ..signal.noise import white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.spikes import without_spikes
-from ..signal.window import Along, Window, motion_of, windows_of
+from ..signal.window import Along, Shift, Window, motion_of, windows_of
 from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
 
@@ -71,7 +70,7 @@ def windows(
     delay : float or sequence of float
         Delay of the torques (samples), which is taken back: of all joints, or of each.
     hold_s : float
-        Sample time (s) of a digital controller whose hold is compensated (`didim.signal.align.hold_samples`).
+        Sample time (s) of a digital controller whose hold is compensated (`didim.signal.window.hold_samples`).
 
     Returns
     -------

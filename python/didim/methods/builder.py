@@ -21,16 +21,14 @@ from ..experiment.loop import recordings_of
 from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
-from ..regression.friction.alarm import friction_alarm
-from ..regression.friction.sampling import sampling_errors
+from ..regression.friction.alarm import friction_alarm, sampling_errors
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
 from ..regression.solver import solver_name
 from ..result.finding import Finding
 from ..result.further import Further
 from ..result.identification import Identification
-from ..result.iteration import Iteration
-from ..result.status import Status
+from ..result.iteration import Iteration, Status
 from ..result.uncertainty import Uncertainty
 from ..robot.robot import Robot
 from ..signal.noise import encoder_step
@@ -38,8 +36,7 @@ from ..signal.window import Window
 from ..terms.rows import LinearSystem
 from .job import Delay, Job
 from .method import Described
-from .position_errors import position_shift
-from .uncertainty import Spread, spread_of_fit, with_exchanges, with_shifts
+from .uncertainty import Spread, position_shift, spread_of_fit, with_exchanges, with_shifts
 
 CLEAR_MASS = 3.0
 """Mass of a load, in its standard deviations, below which the finding is a note only: 0.05 +- 0.04 kg need not be declared."""

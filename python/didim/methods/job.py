@@ -44,7 +44,7 @@ class Delay:
     samples : float or tuple of float
         Delay of the recorded torque, in samples: of all joints, or of each.
     hold_s : float
-        Sample time (s) of a digital controller whose hold is compensated along measured motion (`signal.align.hold_samples`);
+        Sample time (s) of a digital controller whose hold is compensated along measured motion (`signal.window.hold_samples`);
         zero for none.
     estimate : DelayEstimate or None
         Estimate of the samples; None for given numbers.

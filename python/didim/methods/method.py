@@ -13,8 +13,8 @@ from ..regression.solver import SolverChoice, knows_logs, loaded_solver, needs_r
 from ..result.identification import Identification
 from ..result.iteration import Reporter
 from ..robot.robot import Robot
-from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
+from ..signal.window import DelaySettings
 from ..terms.base import dropped_names
 from ..terms.build import model_of
 from ..terms.model import Model
@@ -178,10 +178,10 @@ class MethodSettings:
                 "it, or write its `for_model`"
             )
         friction = robot.friction
-        if friction.has_load or friction.open or self.friction == "auto":
+        if model.n_gains and (friction.has_load or friction.open or self.friction == "auto"):
             raise FitError(
-                "load friction, velocities of friction laws and the choice of terms need logs that share all parameters: "
-                "identify them on recordings without a payload, and write them into [friction]"
+                "load friction, velocities of friction laws and the choice of terms need torques, and recordings have currents "
+                "whose drive gains are unknown: identify the laws with known gains, and write them into [friction]"
             )
         return model
 

@@ -25,7 +25,7 @@ from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.sampling import slices
 from ..regression.recursive import Recursive
-from ..signal.decimation import decimation_stages, least_samples
+from ..signal.filters import decimation_stages, least_samples
 from ..signal.processing import SignalProcessing
 from ..signal.spikes import WINDOW
 from ..signal.window import windows_of

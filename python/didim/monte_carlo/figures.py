@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array, quotient
-from ..result.status import Status
+from ..result.iteration import Status
 from ..result.uncertainty import student_factor
 from .worker import ERROR, FAILED, LOST
 

@@ -15,7 +15,7 @@ from .._tools.inputs import read_file, readable
 from .._tools.settings import real_number
 from .._tools.words import brief, counted, series
 from ..errors import StudyError
-from ..result.status import Status
+from ..result.iteration import Status
 from .worker import ERROR, FAILED, LOST, SEAL, TRUTH, seal_of
 
 Row = dict[str, Any]

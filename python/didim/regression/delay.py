@@ -24,12 +24,11 @@ from numpy.typing import NDArray
 from .._tools.arrays import Array
 from .._tools.words import counted, series
 from ..errors import FitError
-from ..signal.align import Shift, align, hold_samples
-from ..signal.decimation import row_values
+from ..signal.filters import row_values
 from ..signal.processing import SignalProcessing
-from ..signal.window import Window
+from ..signal.window import Shift, Window, align, hold_samples
 from ..terms.rows import LinearSystem, unit_columns
-from .jackknife import Factors, intervals
+from .covariance import Factors, intervals
 
 SIGNIFICANT = 3.0
 """Difference of a delay from zero, or of a joint's delay from the others, in standard deviations, from which it is

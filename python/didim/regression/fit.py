@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
-from .jackknife import Branches, Factors
+from .covariance import Branches, Factors
 
 Progress = Callable[[int, Array, Array], bool]
 """Callback with the number of a solution (from 1), its estimate and its residual; True stops the solver."""

@@ -16,8 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 import didim._core as _core
 
@@ -28,7 +30,6 @@ from ..terms.rows import LinearSystem, check_solvable
 from .covariance import covariance
 from .fit import Fit, Progress
 from .settings import LeastSquaresSettings
-from .weights import joint_sigma, per_row
 
 NEGLIGIBLE_COEFFICIENT = 1e-6
 """Coefficient of a linear dependence below which it is rounding and omitted from the sentence."""
@@ -233,3 +234,26 @@ def dependence_sentence(
         f"the log does not separate {len(dependent)} of {len(names)} parameters (columns of W: {shown}); excite them, or fix or "
         "drop them under [parameters]"
     )
+
+
+SMALLEST_RELATIVE_RESIDUAL = 1e-9
+"""Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""
+
+
+def joint_sigma(system: LinearSystem, residual: Array) -> Array:
+    """Root mean square of each joint's residuals, never zero; shape (n_dof,)."""
+    return positive_rms(system.norms(residual), system.norms(system.measured), system.counts)
+
+
+def positive_rms(residual: Array, measured: Array, counts: Array | NDArray[np.intp] | float) -> Array:
+    """Root mean square of residuals from their norms, those of the torques, (n_dof,) each, and the numbers of rows; never zero."""
+    sigma, torque = residual / np.sqrt(counts), measured / np.sqrt(counts)
+    # A joint without torque gets the size of the largest.
+    floor = SMALLEST_RELATIVE_RESIDUAL * np.where(torque > 0.0, torque, torque.max(initial=0.0))
+    sigma = np.maximum(sigma, floor)
+    return cast(Array, np.where(sigma > 0.0, sigma, 1.0))
+
+
+def per_row(system: LinearSystem, per_joint: Sequence[float] | Array) -> Array:
+    """Value of each row's joint, shape (r,)."""
+    return np.repeat(np.asarray(per_joint, dtype=np.float64), system.counts)

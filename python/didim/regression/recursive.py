@@ -17,9 +17,8 @@ from ..errors import CoreErrorsAs, FitError, RankError, ShapeError
 from ..model.dynamics import per_joint
 from ..robot.robot import Robot
 from ..terms.model import Model
-from .least_squares import dependence_sentence
+from .least_squares import dependence_sentence, positive_rms
 from .triangles import Triangles
-from .weights import positive_rms
 
 
 @dataclass(frozen=True, eq=False)

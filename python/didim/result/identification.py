@@ -23,11 +23,10 @@ from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
 from .finding import Finding
 from .further import Further
-from .iteration import HeldOut, Iteration
+from .iteration import HeldOut, Iteration, Status
 from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
-from .status import Status
 from .table import (
     Estimates,
     Row,

@@ -13,8 +13,7 @@ from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import UNBOUNDED, plain, restored
 from .._tools.words import joints_text, series
 from ..errors import FitError
-from ..regression.friction.alarm import FrictionAlarm
-from ..regression.friction.exchange import Exchange
+from ..regression.friction.alarm import Exchange, FrictionAlarm
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Source of the standard deviations: the delete-block jackknife, (10) with the correlation of decimated noise, (10) itself, the

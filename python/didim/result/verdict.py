@@ -11,8 +11,8 @@ from .._tools.notebook import page
 from .._tools.saved import plain
 from .._tools.words import counted
 from .finding import GRADES, Finding
+from .iteration import Status
 from .sentences import percent
-from .status import Status
 
 
 class State(StrEnum):

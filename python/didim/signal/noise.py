@@ -9,7 +9,7 @@ import numpy as np
 
 from .._tools.arrays import Array, quotient
 from ..errors import SignalError
-from .decimation import DECIMATION_BAND, DECIMATION_RIPPLE_DB
+from .filters import DECIMATION_BAND, DECIMATION_RIPPLE_DB
 from .processing import SignalProcessing
 
 _CIRCLE = 2048

@@ -122,7 +122,7 @@ def compare(
     """
     from ..methods.cloe.cloe import CLOE
     from ..methods.start import FROM_LOG, standard_start
-    from ..result.status import Status
+    from ..result.iteration import Status
 
     if isinstance(experiment, str):
         experiment = packaged_experiment(experiment)

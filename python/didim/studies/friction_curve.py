@@ -16,7 +16,7 @@ from ..model.dynamics import friction_places, inverse_dynamics, rigid_torque
 from ..model.memory import sliding
 from ..result.identification import Identification
 from ..robot.robot import Robot
-from ..signal.decimation import row_values
+from ..signal.filters import row_values
 from ..signal.window import windows_of
 from .loaded import same_parameters, standard_in, with_friction_of, with_gains_of
 from .prediction import fitted_experiment

@@ -23,7 +23,7 @@ from ..methods.method import FitSettings, Motion
 from ..result.identification import Identification
 from ..result.uncertainty import student_factor
 from ..robot.robot import Robot
-from ..signal.decimation import decimation_stages
+from ..signal.filters import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, windows_of

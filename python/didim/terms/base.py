@@ -20,7 +20,7 @@ from ..errors import CoreErrorsAs, FitError
 from ..model.dynamics import rigid_torque
 from ..model.memory import memory_columns
 from ..robot.robot import Robot
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.filters import decimate, decimation_stages
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, at_place
 from .unknown import Role, Unknown

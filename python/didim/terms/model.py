@@ -19,7 +19,7 @@ from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError
 from ..robot.robot import Robot
-from ..signal.decimation import row_values
+from ..signal.filters import row_values
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, at_place

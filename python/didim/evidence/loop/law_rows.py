@@ -20,8 +20,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.loop import closed_loop
 from ...log.recording import Recording
 from ...loop.closed_loop import ClosedLoop
-from ...signal.decimation import row_values
-from ...signal.filters import differentiate
+from ...signal.filters import differentiate, row_values
 from ...signal.noise import row_noise, white_noise
 from ...signal.processing import SignalProcessing
 from ...signal.spikes import without_lone

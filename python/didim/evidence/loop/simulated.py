@@ -19,7 +19,7 @@ from ..._tools.arrays import Array, rms
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...result.finding import Finding, Grade
-from ...signal.decimation import row_values
+from ...signal.filters import row_values
 from ...signal.noise import white_noise
 from ...signal.processing import SignalProcessing
 from ..gain_check import INTERVALS

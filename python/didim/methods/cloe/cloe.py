@@ -20,8 +20,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.loop import recordings_of
 from ...result.further import Further
 from ...result.identification import Identification
-from ...result.iteration import Reporter
-from ...result.status import Status
+from ...result.iteration import Reporter, Status
 from ..idim_ls import direct_estimate
 from ..positions.estimate import identify_positions
 from .consistent import consistent_steps

@@ -15,11 +15,9 @@ import numpy as np
 from ..._tools.arrays import Array, quotient, unit_diagonal
 from ..._tools.words import joints_text, series
 from ...errors import FitError
-from ...regression.covariance import autocorrelated
-from ...regression.jackknife import Branches, Factors
+from ...regression.covariance import Branches, Factors, autocorrelated
 from ...result.identification import Identification
-from ...result.iteration import Iteration
-from ...result.status import Status
+from ...result.iteration import Iteration, Status
 from ...signal.noise import white_noise
 from ..uncertainty import Spread, spread_of_factors
 from .finer_steps import corrected

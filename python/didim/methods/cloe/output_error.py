@@ -26,8 +26,7 @@ from ...model.dynamics import regressor
 from ...model.limbs import Directions
 from ...model.safe_step import safe_step, thinned
 from ...result.identification import Identification
-from ...result.iteration import Iteration, Reporter
-from ...result.status import Status
+from ...result.iteration import Iteration, Reporter, Status
 from ...signal.window import Window
 from ...terms.rows import Block
 from ..builder import Run, TorqueErrors, identification, record

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...result.identification import Identification
-from ...result.iteration import Iteration
-from ...result.status import Status
+from ...result.iteration import Iteration, Status
 from ..uncertainty import Spread
 from .nelder_mead import Simplex, edged_simplex, literal_simplex, minimise, started
 from .output_error import OutputError

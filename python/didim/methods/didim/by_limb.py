@@ -18,13 +18,12 @@ from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
 from ...model.limbs import Limb, limbs_of, renamed
+from ...regression.covariance import Branches, Factors
 from ...regression.fit import Fit
-from ...regression.jackknife import Branches, Factors
 from ...regression.least_squares import solve
 from ...result.finding import Finding
 from ...result.identification import Identification
-from ...result.iteration import Iteration, Reporter
-from ...result.status import Status
+from ...result.iteration import Iteration, Reporter, Status
 from ...signal.window import Window
 from ...terms.model import Model
 from ...terms.rows import LinearSystem

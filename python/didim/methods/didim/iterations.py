@@ -20,8 +20,7 @@ from ...model.safe_step import thinned
 from ...regression.consistent.solver import ConsistentSolver
 from ...result.finding import Finding
 from ...result.identification import Identification
-from ...result.iteration import Iteration, Reporter
-from ...result.status import Status
+from ...result.iteration import Iteration, Reporter, Status
 from ..builder import Run, fitted
 from ..job import Job
 from .convergence import (

@@ -24,9 +24,8 @@ import numpy as np
 
 from ..._tools.arrays import Array, quotient
 from ...model.limbs import Directions
-from ...regression.covariance import covariance_of_columns
+from ...regression.covariance import Factors, covariance_of_columns
 from ...regression.fit import Fit
-from ...regression.jackknife import Factors
 from ...regression.settings import LeastSquaresSettings
 from ...robot.robot import Robot
 from ...terms.rows import LinearSystem

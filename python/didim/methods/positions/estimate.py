@@ -24,9 +24,8 @@ from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
 from ...result.finding import Finding, Grade, worded
 from ...result.identification import Identification
-from ...result.iteration import Reporter
+from ...result.iteration import Reporter, Status
 from ...result.positions.record import KEY
-from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
 from .intervals import (

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array, quotient, unit_diagonal
 from ..._tools.words import series
-from ...regression.jackknife import deletion_covariance
+from ...regression.covariance import deletion_covariance
 from ...result.finding import Finding, worded
 from ...result.uncertainty import student_factor
 from ...signal.noise import encoder_step, white_noise

@@ -15,7 +15,7 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import RANGES, SOFT, Shared, Unknown
-from ...result.status import Status
+from ...result.iteration import Status
 from ...signal.noise import encoder_noise
 from .intervals import LASTING, errors_over_noise
 from .knowledge import unidentified

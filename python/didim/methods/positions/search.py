@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...result.iteration import Iteration, Reporter
-from ...result.status import Status
+from ...result.iteration import Iteration, Reporter, Status
 from .problem import Problem
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-4, 1e-9

@@ -21,11 +21,10 @@ import didim._core as _core
 from ..._tools.arrays import Array, quotient
 from ...errors import FitError, RankError
 from ...terms.rows import LinearSystem, check_solvable, unit_columns
-from ..covariance import covariance_of_columns
+from ..covariance import Factors, covariance_of_columns
 from ..fit import Fit, Progress
-from ..jackknife import Factors
+from ..least_squares import joint_sigma, per_row
 from ..settings import LeastSquaresSettings
-from ..weights import joint_sigma, per_row
 
 DEPENDENT_INSTRUMENT = 1e-9
 """Share of a column, or of the largest singular value, below which an instrument depends on the others."""

@@ -12,12 +12,10 @@ import numpy as np
 
 from ...errors import FitError
 from ...terms.rows import LinearSystem
-from ..covariance import covariance
+from ..covariance import Factors, covariance, intervals
 from ..fit import Fit, Progress
-from ..jackknife import Factors, intervals
-from ..least_squares import solve
+from ..least_squares import per_row, solve
 from ..settings import LeastSquaresSettings
-from ..weights import per_row
 from .ridge import chosen_strength, ridge
 from .robust import Loss, reweighted
 

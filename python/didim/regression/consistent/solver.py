@@ -19,8 +19,8 @@ from ...terms.model import Model
 from ...terms.rows import LinearSystem, unit_columns
 from ..covariance import autocorrelated, covariance
 from ..fit import Fit, Progress
+from ..least_squares import joint_sigma, per_row
 from ..settings import LeastSquaresSettings
-from ..weights import joint_sigma, per_row
 from .bounds import Bounds
 from .prior import GAMMA, Prior, prior_of
 from .problem import ConstrainedProblem, Simulability

@@ -22,28 +22,55 @@ not chosen without one of them, and the other of atan and Stribeck's law where b
 squares are added.
 
 Sources: Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz (1978) for the choice among laws.
-Tested in ``tests/test_friction_alarm.py``.
+
+A log has errors where its model is right too, and they look like friction. Central differences, `h` s apart, lose ``h^2 / 6`` of
+the second derivative of a velocity and, taken twice, ``h^2 / 3`` of that of an acceleration. Where a joint reverses, its
+acceleration jumps with Coulomb friction, so the velocity is wrong just where friction depends on it, at the jump by a quarter of
+its second difference. Slow motion has its loss back, so what is left of a jump has the form of fourth and sixth differences. A
+torque that a digital controller holds between samples, or that is recorded a part of a sample beside the positions, differs by
+shares of its first and second differences, here of links and rotors, since those of Coulomb friction would hide other laws at
+reversals. Friction of a ``sign`` turns within a small velocity that its model leaves open. Each error is known but for its amount
+at each joint, so the test for missing friction frees its scores of them.
+
+They are differences of the motion, so noise of the positions is in them as it is in the residual, and looks like friction; low
+passes of them have hardly any of it. Tested in ``tests/test_friction_alarm.py``, the turn in ``tests/test_ur10e_page.py``.
+
+Coulomb friction and a law of speed can be nearly the same column in a log, or the velocity of the law is unknown: then their
+parameters exchange and are uncertain, but the friction at speeds inside the log is not. For a joint alone, in steady sliding, half
+the difference between both directions is
+
+    f(v) = g(v)^T beta,     s^2 = h(v)^T C h(v)
+
+with the columns g at speed v and the derivatives h by the parameters and the estimated velocities, whose covariance is C.
+Tested in ``tests/test_friction_exchange.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+import didim._core as _core
+
+from ..._tools.arrays import Array, quotient
 from ..._tools.saved import UNBOUNDED
+from ...errors import SignalError
+from ...model.dynamics import friction_places, inverse_dynamics
+from ...model.memory import FADED, direction, instantaneous, start_column, state
+from ...robot.friction import OF_PATH, FrictionTerm
+from ...robot.parameters import friction_names
 from ...robot.robot import Robot
+from ...signal.filters import SLOW, low_pass
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
 from ...terms.rows import LinearSystem, Rows, unit_columns
+from ..covariance import intervals
 from ..fit import Fit
-from ..jackknife import intervals
-from .flips import joint_test
-from .sampling import slow_errors
-from .tested_laws import LawColumns, laws_to_test
 from .velocity import decimated
 
 TIME_BLOCKS = 20
@@ -351,3 +378,387 @@ def _shifts(
         if count and (candidate.family not in best or criterion < best[candidate.family][0]):
             best[candidate.family] = (criterion, change)
     return best
+
+
+STRIBECK = (0.05, 0.1, 0.2, 0.4)
+"""Stribeck velocities (rad/s) of the hypotheses; a factor of two changes the column clearly."""
+ATAN = (0.05, 0.2, 0.8)
+"""Velocities (rad/s) of the arctangents among the hypotheses."""
+WIDTHS = (0.003, 0.01, 0.03, 0.1)
+"""Displacements (rad) of Dahl's memory among the hypotheses."""
+PRISMATIC = 0.1
+"""Ratio of velocities and displacements of a prismatic joint (m/s, m) to those of a revolute one (rad/s, rad)."""
+RESOLVED_STEPS = 20.0
+"""Smallest number of encoder steps within the smallest of `WIDTHS`: quantisation by coarser steps looks like memory of any
+width."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawColumns:
+    """Law at one velocity or width.
+
+    Attributes
+    ----------
+    family : {"stribeck", "atan", "load", "dahl"}
+        The law.
+    columns : ndarray, shape (n_rows, n_dof)
+        Decimated column of each joint, zero where the joint does not test it.
+    amplitude : ndarray, shape (n_dof,)
+        Largest friction along the log per unit of the column.
+    width : ndarray, shape (n_dof,), or None
+        Displacements of a law of memory, zero where it is not tested (rad or m).
+    """
+
+    family: str
+    columns: Array
+    amplitude: Array
+    width: Array | None = None
+
+    def start(self, parts: Sequence[Window], signal: SignalProcessing) -> Array | None:
+        """Return the columns of the unknown state at the first sample, (n_rows, n_dof); None for a law without memory."""
+        if self.width is None:
+            return None
+        joints = np.flatnonzero(self.width)
+        values = [start_column(part.q[:, joints], self.width[joints]) for part in parts]
+        columns = np.zeros_like(self.columns)
+        columns[:, joints] = decimated(values, parts, signal)
+        return columns
+
+
+def joint_scales(robot: Robot) -> Array:
+    """Return the factors of velocities and displacements of the laws, (n_dof,): 1 of revolute joints, `PRISMATIC` of others."""
+    return np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
+
+
+def laws_to_test(
+    robot: Robot,
+    parts: Sequence[Window],
+    signal: SignalProcessing,
+    load: Sequence[Array],
+    encoder_step: Array,
+) -> list[LawColumns]:
+    """Return the laws that are tested, with their decimated columns."""
+    n = robot.n_dof
+    unit = joint_scales(robot)
+    known = {(term.law, term.joint) for term in robot.friction.terms}
+    every = np.ones(n, dtype=bool)  # a curve of speed may bend at more than one velocity
+    loaded = np.array([("load", joint) not in known for joint in range(n)])
+    signs = [direction(robot, part.q, part.dq) for part in parts]
+    laws: list[LawColumns] = []
+
+    def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
+        if joints.any():
+            own = values if joints.all() else [value * joints for value in values]
+            rows = decimated(own, parts, signal)
+            # Transposed first, because numpy reduces rows of few columns slowly.
+            largest = np.max([np.abs(value.T, order="C").max(axis=1) for value in values], axis=0)
+            laws.append(LawColumns(family, rows, largest))
+
+    for velocity in STRIBECK:
+        values = [
+            sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
+            for part, sign in zip(parts, signs, strict=True)
+        ]
+        add("stribeck", values, every)
+    for velocity in ATAN:
+        values = [
+            np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
+            for part, sign in zip(parts, signs, strict=True)
+        ]
+        add("atan", values, every)
+    add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
+    resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
+    if resolved.any():
+        widths = np.outer(WIDTHS, unit)
+        memories = [state(part.q, widths) for part in parts]
+        for k, width in enumerate(widths):
+            values = [memory[k] - sign for memory, sign in zip(memories, signs, strict=True)]
+            add("dahl", values, resolved)
+            laws[-1] = replace(laws[-1], width=width * resolved)
+    return laws
+
+
+MOST_BLOCKS = 500
+"""Number of blocks above which neighbouring ones are summed: their random signs take 4 000 numbers a block."""
+FLIPS = 3999
+"""Number of random sign patterns beside the observed one; the smallest probability is 1 in 4 000."""
+MEMORY_SHARE = 0.25
+"""Share of the false alarms allotted to memory laws; the other laws, tested separately, get the remainder."""
+SEED = 20261
+"""Seed of the patterns: the same log always gets the same probability."""
+VISIBLE = 6.0
+"""Score, in its standard deviation without the law, that makes a law detectable: with the law included in the deviation of 20
+blocks it is 3.6."""
+
+
+def joint_test(
+    columns: Array, rho: Array, blocks: Sequence[Sequence[Rows]], memory: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return the probability of the scores of a joint's columns, (n_rows, k), and by how many units of each the test sees it.
+
+    Columns of zeros are not tested: their probability is one, and they are never seen (zero units).
+    """
+    scores = [np.array([columns[rows].T @ rho[rows] for rows in some]) for some in blocks]
+    probability = np.max([_flipped(part, memory) for part in scores], axis=0)
+    spread = np.max([np.sqrt(np.sum(np.square(part), axis=0)) for part in scores], axis=0)
+    size = np.sum(np.square(columns), axis=0)
+    return probability, VISIBLE * quotient(spread, size)
+
+
+def _flipped(scores: Array, memory: NDArray[np.bool_]) -> Array:
+    """Return the probability of the scores of laws, (n_blocks, k), when the signs of blocks are flipped, (k,).
+
+    The largest score counts, of laws of memory and of others, which share the false alarms.
+    """
+    if len(scores) > MOST_BLOCKS:
+        scores = np.add.reduceat(scores, np.arange(MOST_BLOCKS) * len(scores) // MOST_BLOCKS, axis=0)
+    spread = np.sqrt(np.sum(np.square(scores), axis=0))
+    units = scores / np.where(spread > 0.0, spread, np.inf)
+    # A pattern that is the observed one up to its sign counts, whatever the rounding.
+    observed = np.abs(units.sum(axis=0)) * (1.0 - 1e-9)
+    drawn, probability = np.abs(_signs(len(scores)) @ units), np.ones(len(observed))
+    for group, share in ((~memory, 1.0 - MEMORY_SHARE), (memory, MEMORY_SHARE)):
+        tested = np.flatnonzero(group & (spread > 0.0))
+        if tested.size:
+            largest = np.max(drawn[:, tested], axis=1)[:, None]
+            count = np.sum(largest >= observed[tested], axis=0)
+            probability[tested] = np.minimum(1.0, (1.0 + count) / (FLIPS + 1) / share)
+    return probability
+
+
+@lru_cache(maxsize=8)
+def _signs(blocks: int) -> Array:
+    """Return the random signs of blocks, (FLIPS, blocks)."""
+    return np.asarray(np.random.default_rng(SEED).integers(0, 2, (FLIPS, blocks)) * 2.0 - 1.0)
+
+
+TURN = 0.01
+"""Velocity (rad/s, times `PRISMATIC` for m/s) within which friction of a ``sign`` may turn smoothly: a fifth of the smallest
+Stribeck velocity that is tested, so the laws remain visible. Chosen on the UR10e example, whose friction is a tanh of it."""
+
+
+def sampling_errors(
+    robot: Robot, parts: Sequence[Window], parameters: Sequence[Array], load: Sequence[Array]
+) -> list[list[Array]]:
+    """Return the errors of the torques along each part.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    parts : sequence of Window
+        Motion with derivatives by central differences.
+    parameters : sequence of ndarray, shape (n_parameters,)
+        Standard parameters along each of the parts.
+    load : sequence of ndarray, shape (n_samples, n_dof)
+        Torques of links and rotors along each of the parts (N.m or N, joint side).
+
+    Returns
+    -------
+    list of list of ndarray, shape (n_samples, n_dof)
+        By error and part (N.m or N, joint side): of velocities, of accelerations and velocities at a jump, twice of fast
+        velocities, of time, of holding, and, without a unit, of the turn of a ``sign``.
+    """
+    errors = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
+    return [list(error) for error in zip(*errors, strict=True)]
+
+
+def slow_errors(
+    errors: Sequence[Sequence[Array]], parts: Sequence[Window], signal: SignalProcessing
+) -> list[list[Array]]:
+    """Return the errors of `sampling_errors` through a low pass; none without a cut-off, or where they cannot be filtered."""
+    if not errors or signal.cutoff_hz is None:
+        return []
+    slow = replace(signal, cutoff_hz=signal.cutoff_hz / SLOW, form="sections")
+    try:
+        passed = [
+            low_pass(np.hstack([error[k] for error in errors]), part.rate_hz, slow)
+            for k, part in enumerate(parts)
+        ]
+    except SignalError:  # the record is too short for so low a filter, or rounding spoils it
+        return []
+    return [list(error) for error in zip(*(np.split(one, len(errors), 1) for one in passed), strict=True)]
+
+
+def _errors(robot: Robot, part: Window, x: Array, rigid: Array) -> list[Array]:
+    """Return the errors along one part."""
+    q, dq, ddq = part.q, part.dq, part.ddq
+    torque, bend = inverse_dynamics(robot, q, dq, ddq, x), _curvature(dq)
+    sharper = _curvature(bend)
+    errors = [
+        inverse_dynamics(robot, q, dq - bend / 6.0, ddq, x) - torque,
+        inverse_dynamics(robot, q, dq - bend / 4.0, ddq - _curvature(ddq) / 3.0, x) - torque,
+        *(
+            inverse_dynamics(robot, q, dq - faster / 6.0, ddq, x) - torque
+            for faster in (sharper, _curvature(sharper))
+        ),
+        np.gradient(rigid, axis=0),
+        _curvature(rigid),
+    ]
+    if robot.friction.coulomb == "sign":
+        errors.append(np.tanh(dq / (TURN * joint_scales(robot))) - instantaneous(robot, dq))
+    return errors
+
+
+def _curvature(values: Array) -> Array:
+    """Return the second differences of signals, zero at both ends."""
+    curvature = np.zeros_like(values)
+    curvature[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return curvature
+
+
+EXCHANGED = 0.95
+"""Size of the correlation of two friction parameters from which they exchange: the variance inflation factor of two columns is then
+10, the usual limit of collinearity."""
+SHARES = (10.0, 50.0, 90.0)
+"""Percentiles of a joint's speeds in the log, above its dead zone, at which its friction is stated."""
+CURVED = frozenset(("atan", "stribeck", "root"))
+"""Laws of speed that can exchange with viscous and Coulomb friction."""
+VELOCITY_CHANGE = 1e-4
+"""Relative change of a velocity, both ways, in the finite difference of its law."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """Friction of a joint whose parameters exchange, at speeds inside the log.
+
+    Attributes
+    ----------
+    joint : int
+        Joint, from 0.
+    kind : {"revolute", "prismatic"}
+        Its kind.
+    parameters : (str, str)
+        The parameter of the law, and that of viscous or Coulomb friction with which it is most correlated.
+    correlation : float
+        Their correlation.
+    refused : bool
+        Whether the log does not identify the velocity of the law.
+    speeds : tuple of float
+        Speeds (rad/s or m/s).
+    torques, stds : tuple of float
+        Friction at these speeds (N.m or N), half the difference between both directions at the median load, and its standard
+        deviation, without the shift by laws that the model lacks.
+    """
+
+    joint: int
+    kind: str
+    parameters: tuple[str, str]
+    correlation: float
+    refused: bool
+    speeds: tuple[float, ...]
+    torques: tuple[float, ...]
+    stds: tuple[float, ...]
+
+
+def exchanges(
+    robot: Robot,
+    parts: Sequence[Window],
+    load: Sequence[Array],
+    x: Array,
+    names: Sequence[str],
+    velocities: Sequence[str],
+    covariance: Array,
+) -> tuple[Exchange, ...]:
+    """Return the joints at which a law of speed exchanges with viscous or Coulomb friction, or has no velocity.
+
+    Parameters
+    ----------
+    robot : Robot
+        Robot with known velocities.
+    parts : sequence of Window
+        Motion of the log.
+    load : sequence of (n_samples, n_dof) arrays
+        Torque of links and rotors along each part (N.m or N).
+    x : ndarray, shape (n_parameters,)
+        Estimated standard parameters.
+    names, velocities : sequence of str
+        Estimated base parameters, and parameters of the laws with an estimated velocity.
+    covariance : ndarray, shape (n_names + n_velocities,) * 2
+        Covariance of the base parameters and the velocities.
+    """
+    std = np.sqrt(np.diag(covariance))
+    exchanged = []
+    for term in robot.friction.terms:
+        if term.law not in CURVED or term.parameter not in names:
+            continue
+        own = names.index(term.parameter)
+        beside = [index for index, name in enumerate(names) if name in friction_names(term.joint)]
+        if not beside or not std[[own, *beside]].all():
+            continue
+        correlations = covariance[own, beside] / (std[own] * std[beside])
+        most = int(np.argmax(np.abs(correlations)))
+        if not term.refused and abs(correlations[most]) < EXCHANGED:
+            continue
+        speeds = _speeds(robot, term.joint, parts)
+        if not speeds.size:
+            continue
+        typical = np.median(np.abs(np.concatenate(load)), axis=0)
+        torques, stds = _curve(robot, term.joint, speeds, typical, x, (names, velocities), covariance)
+        exchanged.append(
+            Exchange(
+                joint=term.joint,
+                kind=robot.joint_kinds[term.joint],
+                parameters=(term.parameter, names[beside[most]]),
+                correlation=float(correlations[most]),
+                refused=term.refused,
+                speeds=tuple(speeds.tolist()),
+                torques=tuple(torques.tolist()),
+                stds=tuple(stds.tolist()),
+            )
+        )
+    return tuple(exchanged)
+
+
+def _speeds(robot: Robot, joint: int, parts: Sequence[Window]) -> Array:
+    """Return speeds inside the log (rad/s or m/s); none for a joint that rests."""
+    sizes = [np.abs(part.dq[instantaneous(robot, part.dq)[:, joint] != 0.0, joint]) for part in parts]
+    moving = np.concatenate(sizes)
+    return np.percentile(moving, SHARES) if moving.any() else np.zeros(0)
+
+
+def _curve(
+    robot: Robot,
+    joint: int,
+    speeds: Array,
+    load: Array,
+    x: Array,
+    estimated: tuple[Sequence[str], Sequence[str]],
+    covariance: Array,
+) -> tuple[Array, Array]:
+    """Return friction and its standard deviation at speeds, (n_speeds,) each."""
+    names, velocities = estimated
+    columns = _columns(robot, joint, speeds, load)
+    values = dict(zip(robot.parameter_names, x, strict=True))
+    nothing = np.zeros_like(speeds)
+    slopes = [columns.get(name, nothing) for name in names]
+    terms = {term.parameter: term for term in robot.friction.terms}
+    for term in (terms[name] for name in velocities):
+        up, down = (
+            _columns(_with_velocity(robot, term, factor), joint, speeds, load).get(term.parameter, nothing)
+            for factor in (1.0 + VELOCITY_CHANGE, 1.0 - VELOCITY_CHANGE)
+        )
+        slopes.append(values[term.parameter] * (up - down) / (2.0 * VELOCITY_CHANGE * term.velocity))
+    h = np.array(slopes)
+    torques = np.sum([values[name] * column for name, column in columns.items()], axis=0)
+    return torques, np.sqrt(np.maximum(np.einsum("as,ab,bs->s", h, covariance, h), 0.0))
+
+
+def _with_velocity(robot: Robot, term: FrictionTerm, factor: float) -> Robot:
+    changed = replace(term, velocity=factor * term.velocity)
+    return robot.with_terms([changed if other is term else other for other in robot.friction.terms])
+
+
+def _columns(robot: Robot, joint: int, speeds: Array, load: Array) -> dict[str, Array]:
+    """Return the friction columns of a joint that moves alone in steady sliding, half the difference of both directions."""
+    plain = robot.with_terms([term for term in robot.friction.terms if term.law not in OF_PATH])
+    dq = np.zeros((2 * len(speeds), robot.n_dof))
+    dq[:, joint] = np.concatenate([speeds, -speeds])
+    still = np.zeros_like(dq)
+    w = _core.regressor(plain.core, still, dq, still, None, np.tile(load, (len(dq), 1)))[:, joint]
+    half = 0.5 * (w[: len(speeds)] - w[len(speeds) :])
+    columns = {plain.parameter_names[index]: half[:, index] for index in friction_places(plain)}
+    for term in robot.friction.terms:
+        if term.law == "dahl" and term.joint == joint:  # its state is the sign
+            columns[term.parameter] = instantaneous(plain, dq[: len(speeds)])[:, joint]
+    return columns

@@ -18,8 +18,9 @@ from ...robot.friction import OF_TEMPERATURE, START_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
+from ...terms.model import Model
 from ...terms.rows import LinearSystem
-from .tested_laws import joint_scales
+from .alarm import joint_scales
 from .velocity import decimated, slowest_law
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
@@ -57,7 +58,7 @@ class Candidate:
 
 def pool_of(
     plain: Robot,
-    trial: Robot,
+    trial: Model,
     beta: Array,
     parts: Sequence[Window],
     signal: SignalProcessing,
@@ -70,10 +71,10 @@ def pool_of(
     ----------
     plain : Robot
         Without the terms to choose.
-    trial : Robot
+    trial : Model
         With the terms of the last round, whose parameters give the load.
-    beta : ndarray, shape (n_base,)
-        Base parameters of `trial`.
+    beta : ndarray, shape (b + e,)
+        Unknowns of `trial`.
     parts, signal
         Motion and decimation.
     system : LinearSystem
@@ -81,8 +82,11 @@ def pool_of(
     narrowest : ndarray, shape (n_dof,)
         See `narrowest_memory`.
     """
-    x = trial.base_parameters.lift(beta)
-    loads = [np.abs(rigid_torque(trial, part.q, part.dq, part.ddq, x)) for part in parts]
+    x = trial.lift(beta)
+    loads = [
+        np.abs(rigid_torque(trial.own, part.q, part.dq, part.ddq, trial.standard(x, part.recording)))
+        for part in parts
+    ]
     now = [direction(plain, part.q, part.dq) for part in parts]
     pool: list[Candidate] = []
     taken = {term.parameter for term in plain.friction.terms}

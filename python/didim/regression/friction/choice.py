@@ -22,7 +22,6 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.friction import Friction, FrictionTerm
-from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
 from ...terms.model import Model
@@ -139,7 +138,7 @@ def choose_terms(
     narrowest = narrowest_memory(parts, resolved)
     # The second choice has the weights and loads of the first.
     for last in (False, True):
-        pool = pool_of(plain, trial.robot, trial.beta, parts, signal, start.system, narrowest)
+        pool = pool_of(plain, trial.model, trial.beta, parts, signal, start.system, narrowest)
         screen = Screen(start.system, solve(trial.system)[1], pool)
         moves = screen.chosen()
         # Those of the grid serve its weights and loads; velocities are refined once.
@@ -151,7 +150,7 @@ def choose_terms(
     doubtful = {move.term.parameter for move in moves if not move.clear or law_at(move.term) not in recurring}
     chosen_terms = tuple(
         replace(term, doubtful=term.parameter in doubtful, rival=rivals.get(term.parameter, 0.0))
-        for term in _without_driving(trial.robot, trial.beta)
+        for term in _without_driving(trial.model, trial.beta)
     )
     added = {term.parameter for term in chosen_terms}
     return FrictionChoice(
@@ -210,11 +209,11 @@ def _compared(
     return chosen, settle(chosen) if better.any() else trial, rivals
 
 
-def _without_driving(robot: Robot, beta: Array) -> tuple[FrictionTerm, ...]:
+def _without_driving(model: Model, beta: Array) -> tuple[FrictionTerm, ...]:
     """Leave out load friction, memory and stiffness below zero: they would drive the joint."""
-    values = dict(zip(robot.base_parameters.names, beta, strict=True))
+    values = dict(zip(model.unknowns.names, beta, strict=True))
     return tuple(
         term
-        for term in robot.friction.terms
+        for term in model.own.friction.terms
         if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
     )

@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 from ...model.memory import direction, instantaneous, states
 from ...robot.friction import FrictionTerm, Law
 from ...robot.robot import Robot
-from ...signal.decimation import decimate, decimation_stages
+from ...signal.filters import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window, at_place
 from ...terms.model import Model
@@ -46,6 +46,8 @@ GRID_SWEEPS = 2
 """Number of sweeps of the grid over all joints; a joint's optimum hardly depends on the other joints' velocities."""
 VELOCITY_STEPS = 12
 """Upper bound of the Gauss-Newton steps with one set of weights."""
+VELOCITY_HALVINGS = 12
+"""Upper bound of the halvings of a step that does not lower the squared weighted residual."""
 VELOCITY_WEIGHTS = 2
 """Number of sets of weights: those of the first velocities, and those of the velocities estimated with them."""
 LOAD_PASSES = 12
@@ -92,10 +94,10 @@ class SettledFriction:
 
     Attributes
     ----------
-    robot : Robot
+    model : Model
         With all velocities known.
-    beta : ndarray, shape (n_base,)
-        Base parameters that the loads of the last pass come from.
+    beta : ndarray, shape (b + e,)
+        Unknowns that the loads of the last pass come from.
     system : LinearSystem
         The linear system (7) with these velocities and loads.
     velocities : tuple of VelocityEstimate
@@ -104,11 +106,16 @@ class SettledFriction:
         Passes of the fixed point of the load; zero without load friction.
     """
 
-    robot: Robot
+    model: Model
     beta: Array
     system: LinearSystem
     velocities: tuple[VelocityEstimate, ...] = ()
     passes: int = 0
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with all velocities known."""
+        return self.model.own
 
 
 @dataclass(frozen=True)
@@ -160,9 +167,11 @@ def settled(
     while True:
         system = model.rows(parts, signal, beta)
         if model.own.friction.estimated:
-            robot, estimates = _estimate_velocities(_Along(model.own, parts, signal, system), solve, search)
+            robot, found = _estimate_velocities(_Along(model.own, parts, signal, system), solve, search)
             model = model.with_robot(robot)
             system = model.rows(parts, signal, beta)
+            again = {each.parameter: each for each in found}
+            estimates = tuple(again.get(each.parameter, each) for each in estimates or found)
         solution, _ = solve(system)
         estimate = model.unknowns.expand(solution)
         if beta is None:
@@ -172,7 +181,13 @@ def settled(
         if change <= SETTLED_VELOCITY * np.linalg.norm(estimate) or passes == LOAD_PASSES:
             system = model.rows(parts, signal, beta)
             break
-    return SettledFriction(robot=model.own, beta=estimate, system=system, velocities=estimates, passes=passes)
+        # Velocities that the log identifies follow the loads.
+        terms = [
+            replace(term, estimated=True, fitted=False) if term.fitted else term
+            for term in model.own.friction.terms
+        ]
+        model, search = model.with_robot(model.own.with_terms(terms)), False
+    return SettledFriction(model=model, beta=estimate, system=system, velocities=estimates, passes=passes)
 
 
 def with_slopes(
@@ -385,8 +400,13 @@ def _refined(log: _Along, velocities: Array, inner: np.ndarray, solve: Solve) ->
             std[moving] = np.sqrt(variance * np.square(inverse[count:]).sum(axis=1))
             # A velocity is above zero and is known as a factor: steps are bounded in its logarithm.
             relative = np.clip(solution[count:] / velocities[moving], -0.5, 1.0)
-            velocities[moving] = np.clip(velocities[moving] * (1.0 + relative), low, high)
-            w[:, own] = columns(_law)
+            before, left = velocities[moving], _left(laws, y)
+            for _ in range(VELOCITY_HALVINGS):
+                velocities[moving] = np.clip(before * (1.0 + relative), low, high)
+                w[:, own] = columns(_law)
+                if _left(_beyond(others, w[:, own] * weights[:, None]), y) <= left:
+                    break
+                relative = 0.5 * relative
             settled_share = np.maximum(
                 SETTLED_VELOCITY, SETTLED_DEVIATIONS * std[moving] / velocities[moving]
             )
@@ -394,6 +414,12 @@ def _refined(log: _Along, velocities: Array, inner: np.ndarray, solve: Solve) ->
             if (np.abs(relative) <= settled_share)[inside].all():
                 break
     return velocities, std
+
+
+def _left(columns: Array, y: Array) -> float:
+    """Return the squares that columns leave of torques."""
+    rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return float(rest @ rest)
 
 
 def _beyond(q: Array, columns: Array) -> Array:

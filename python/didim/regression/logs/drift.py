@@ -23,8 +23,8 @@ from ..._tools.arrays import Array
 from ...robot.friction import NAMES
 from ...robot.parameters import friction_names
 from ...terms.rows import LinearSystem
+from ..covariance import Factors, intervals
 from ..fit import Fit
-from ..jackknife import Factors, intervals
 
 Kind = Literal["offset", "friction", "level"]
 

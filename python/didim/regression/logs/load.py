@@ -21,10 +21,10 @@ from ..._tools.arrays import Array
 from ...robot.payload import ends, link_columns
 from ...robot.robot import Robot
 from ...terms.rows import LinearSystem, Rows, unit_columns
+from ..covariance import intervals
 from ..fit import Fit
-from ..jackknife import intervals
+from ..least_squares import per_row
 from ..settings import BLOCKS
-from ..weights import per_row
 from .drift import DEPENDENT_EIGENVALUE, FEWEST
 
 FALSE_LOADS = 1e-4

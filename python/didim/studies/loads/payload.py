@@ -21,11 +21,10 @@ from ...evidence.applied.log import AppliedLog, Errors, applied_findings
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
 from ...methods.method import FitSettings
-from ...regression.covariance import decimated
-from ...regression.jackknife import Factors, independent, intervals
+from ...regression.covariance import Factors, decimated, independent, intervals
+from ...regression.least_squares import joint_sigma, per_row
 from ...regression.logs.body import nearest_bodies
 from ...regression.settings import LeastSquaresSettings
-from ...regression.weights import joint_sigma, per_row
 from ...result.finding import Finding
 from ...result.identification import Identification
 from ...result.uncertainty import student_factor

@@ -35,10 +35,9 @@ from ...result.uncertainty import student_factor
 from ...result.verdict import Verdict
 from ...robot.payload import NOTHING, Payload, ends, payload_columns
 from ...robot.robot import Robot
-from ...signal.align import align
 from ...signal.noise import stamp_noise
 from ...signal.spikes import without_spikes
-from ...signal.window import windows_of
+from ...signal.window import align, windows_of
 from ...terms.model import Model
 from ...terms.share import independent
 from ..loaded import as_fitted, standard_in, unloaded
