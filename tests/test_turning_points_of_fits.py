@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 import didim
 import didim.regression.consistent.nearest as nearest
-import didim.regression.gains.maximum_likelihood as maximum_likelihood
 from arm import arm_log
 from didim.evidence.hypotheses.geometry import lengths, with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
@@ -263,23 +262,6 @@ def test_a_parameter_from_the_prior(
     assert found.identified.tolist() == [identified]
     assert held.drawn == [200]
     assert held.gamma == 0.01
-
-
-@pytest.mark.parametrize(("step", "converged"), [(0.8e-10, True), (1.2e-10, False)])
-def test_drive_gains_that_rest(monkeypatch: pytest.MonkeyPatch, step: float, converged: bool) -> None:
-    currents = stub(
-        n_motors=1, parameters=lambda gains: np.zeros(1), spread=lambda errors: np.ones(1), motor=[0, 0]
-    )
-    module = "didim.regression.gains.maximum_likelihood."
-    monkeypatch.setattr(module + "Currents", stub(of=lambda system, reduction: currents))
-    monkeypatch.setattr(module + "_errors", lambda *there: np.array([0.0, step]))
-    monkeypatch.setattr(module + "_cost", lambda currents, errors: 0.0)
-    monkeypatch.setattr(module + "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
-    monkeypatch.setattr(module + "_result", lambda *facts: facts[4])
-    found: object = maximum_likelihood.drive_gains(
-        cast("Any", None), np.eye(1), cast("Any", None), np.ones(1)
-    )
-    assert found is converged
 
 
 @pytest.mark.parametrize(("off", "count"), [(0.8e-8, 1), (1.2e-8, 2)])

@@ -18,7 +18,6 @@ import didim.regression.consistent.nearest as nearest
 import didim.regression.friction.alarm as alarm
 import didim.regression.friction.screen as screen
 import didim.regression.friction.velocity as velocity
-import didim.regression.gains.maximum_likelihood as maximum_likelihood
 from didim.regression.classical.instrumental import instrumented
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior, generic_prior
@@ -161,28 +160,6 @@ def test_a_load_is_a_false_alarm_in_one_of_ten_thousand(
 ) -> None:
     monkeypatch.setattr("scipy.special.fdtrc", lambda rank, freedom, statistic: probability)
     assert (load_of(0.995) is not None) is found
-
-
-def test_a_step_of_the_gains_is_halved_twelve_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cost falls in none of a hundred steps, which change the logarithm of a gain by a half at most."""
-    tried: list[float] = []
-    costs = iter(range(10_000))
-
-    def errors(currents: object, gains: Array, theta: Array) -> Array:
-        tried.append(float(np.log(gains[0])))
-        return np.array([0.0, 2.0])
-
-    currents = stub(
-        n_motors=1, parameters=lambda gains: np.zeros(1), spread=lambda errors: np.ones(1), motor=[0, 0]
-    )
-    monkeypatch.setattr(maximum_likelihood, "Currents", stub(of=lambda system, reduction: currents))
-    monkeypatch.setattr(maximum_likelihood, "_errors", errors)
-    monkeypatch.setattr(maximum_likelihood, "_cost", lambda currents, errors: float(next(costs)))
-    monkeypatch.setattr(maximum_likelihood, "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
-    monkeypatch.setattr(maximum_likelihood, "_result", lambda *facts: None)
-    maximum_likelihood.drive_gains(cast(Any, None), np.eye(1), cast(Any, None), np.ones(1))
-    assert tried[1:13] == pytest.approx([0.5 * 0.5**k for k in range(12)])
-    assert len(tried) == 1 + 100 * 12
 
 
 def test_signs_of_twenty_stretches_of_time_are_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -358,23 +335,6 @@ def test_a_velocity_needs_a_law_of_two_standard_deviations(
     monkeypatch.setattr(velocity, "_refined", inner)
     searched(monkeypatch, lambda robot, term, velocities, *more: np.zeros((9, velocities.size)))(True)
     assert found == [identified]
-
-
-def test_velocities_are_refined_in_twelve_steps_with_two_sets_of_weights(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Here they go up and down by a tenth for ever."""
-    slopes: list[float] = []
-
-    def columns(robot: object, term: object, velocities: Array, *more: object) -> Array:
-        if more != (velocity._slope,):
-            return np.eye(9)[:, [1]]
-        slopes.append(float(velocities[0]))
-        return np.eye(9)[:, [2]] * (1.0 if len(slopes) % 2 else -1.0)
-
-    assert len(searched(monkeypatch, columns)(False)) == 2
-    assert len(slopes) == 2 * 12
-    assert slopes[1] == pytest.approx(1.1 * slopes[0])
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(3.9, True), (4.1, False)])

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from ..signal.processing import SignalProcessing
 from ..signal.window import Shift, Window, align, hold_samples
 from ..terms.rows import LinearSystem, unit_columns
 from .covariance import Factors, intervals
+from .descent import descend
 
 SIGNIFICANT = 3.0
 """Difference of a delay from zero, or of a joint's delay from the others, in standard deviations, from which it is
@@ -270,41 +271,95 @@ class _Search:
     def refine(self, whole: float, torque: Callable[[Window, Array], Array]) -> tuple[Array, Array]:
         """Return the delay of each joint, (n_dof,), and their covariance, (n_dof, n_dof), infinite where a joint has none."""
         n, b = len(self.system.joints), self.w.shape[1]
-        shift = np.full(n, whole)
-        solution, lost = self.solution, np.zeros(n, dtype=bool)
-        covariance = np.full((n, n), np.inf)
-        sizes = self.system.norms(self.weights * self.system.measured)
-        for _ in range(MOST_STEPS):
-            columns = self._derivative(solution, torque)
-            lost |= np.linalg.norm(columns, axis=0) <= NO_MOTION * sizes
-            moving = np.flatnonzero(~lost)
-            unit, size = unit_columns(columns[:, moving])
-            q, r = extended(self.basis, self.triangle, unit)
-            if len(q) <= q.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
-                return shift, covariance  # the log does not identify delays together with the parameters
-            y = self._torques(shift)
-            inverse = np.linalg.inv(r) / np.concatenate([self.size, size])[:, None]
-            seen = q.T @ y
-            x = inverse @ seen
-            residual = y - q @ seen
-            solution = x[:b]
-            step = np.clip(x[b:], -1.0, 1.0)
-            shift[moving] += step
-            # A joint beyond the search range has no minimum: it keeps its value, and gets the delay of the others.
-            away = np.abs(shift - whole) > self.margin
-            away |= np.abs(shift) > self.margin + max(abs(whole), self.margin) - REACH_MARGIN
-            shift[away], lost = whole, lost | away
-            if not step.size or (np.max(np.abs(step)) < SETTLED_SAMPLES and not away.any()):
-                break
+        start = _Point(self, torque, whole, np.full(n, whole), self.solution, np.zeros(n, dtype=bool))
+        point, _, _ = descend(start, MOST_STEPS)
+        last = point.before or point
+        if last.linear is None:
+            return last.shift, np.full((n, n), np.inf)
+        q, inverse, residual, _ = last.linear
         norms = self.system.norms(residual / self.weights)
         self.misfit = float(self.system.counts @ np.log(np.maximum(norms, 1e-300)))
         blocks = [interval.rows for interval in intervals(self.system.blocks)]
         spread = Factors(q, q, inverse, residual).jackknife(blocks).covariance[b:, b:]
         covariance = np.diag(np.full(n, np.inf))
-        covariance[np.ix_(moving, moving)] = spread
-        for joint in np.flatnonzero(lost):
+        covariance[np.ix_(last.moving, last.moving)] = spread
+        for joint in np.flatnonzero(point.lost):
             covariance[joint, joint] = np.inf
-        return shift, covariance
+        return point.shift, covariance
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Delays, and the parameters whose torques they are linearised about.
+
+    A joint that is `lost` does not show its delay. The point before is the one that the last step was made at.
+    """
+
+    search: _Search
+    torque: Callable[[Window, Array], Array]
+    whole: float
+    shift: Array
+    solution: Array
+    lost: NDArray[np.bool_]
+    before: _Point | None = None
+
+    @property
+    def cost(self) -> float:
+        """The same everywhere: interpolation lowers the noise between samples, so residuals of two shifts do not compare."""
+        return 0.0
+
+    @cached_property
+    def _columns(self) -> Array:
+        return self.search._derivative(self.solution, self.torque)
+
+    @cached_property
+    def moving(self) -> NDArray[np.intp]:
+        """Joints whose torques show their delay."""
+        search = self.search
+        sizes = search.system.norms(search.weights * search.system.measured)
+        still = np.linalg.norm(self._columns, axis=0) <= NO_MOTION * sizes
+        return np.flatnonzero(~(self.lost | still))
+
+    @cached_property
+    def linear(self) -> tuple[Array, Array, Array, Array] | None:
+        """Orthonormal columns, the inverse of their triangle, residual and solution; None where the log shows no delay."""
+        search = self.search
+        unit, size = unit_columns(self._columns[:, self.moving])
+        q, r = extended(search.basis, search.triangle, unit)
+        if len(q) <= q.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
+            return None
+        y = search._torques(self.shift)
+        inverse = np.linalg.inv(r) / np.concatenate([search.size, size])[:, None]
+        seen = q.T @ y
+        return q, inverse, y - q @ seen, inverse @ seen
+
+    @property
+    def _step(self) -> Array:
+        """Step of the delays of the joints that move, at most a sample each."""
+        if self.linear is None:
+            return np.zeros(0)
+        return np.clip(self.linear[3][self.search.w.shape[1] :], -1.0, 1.0)
+
+    def moved(self, share: float) -> _Point:
+        if self.linear is None:
+            return self
+        shift, lost, search = self.shift.copy(), np.ones(len(self.shift), dtype=bool), self.search
+        shift[self.moving] += share * self._step
+        lost[self.moving] = False
+        # A joint beyond the search range has no minimum: it keeps its value, and gets the delay of the others.
+        away = np.abs(shift - self.whole) > search.margin
+        away |= np.abs(shift) > search.margin + max(abs(self.whole), search.margin) - REACH_MARGIN
+        shift[away] = self.whole
+        solution = self.linear[3][: search.w.shape[1]]
+        return replace(self, shift=shift, solution=solution, lost=lost | away, before=self)
+
+    def rests(self, share: float) -> bool:
+        step = share * self._step
+        if not step.size:
+            return True
+        # A joint that is lost now changes the problem.
+        changed = self.moved(share).lost[self.moving].any()
+        return bool(np.max(np.abs(step)) < SETTLED_SAMPLES and not changed)
 
 
 def extended(q: Array, r: Array, columns: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ...signal.processing import SignalProcessing
 from ...signal.window import Window, at_place
 from ...terms.model import Model
 from ...terms.rows import LinearSystem
+from ..descent import descend
 
 Solve = Callable[[LinearSystem], tuple[Array, Array]]
 """Solution of a system: the estimate, (b,), and the weights of the rows, (r,)."""
@@ -46,8 +48,6 @@ GRID_SWEEPS = 2
 """Number of sweeps of the grid over all joints; a joint's optimum hardly depends on the other joints' velocities."""
 VELOCITY_STEPS = 12
 """Upper bound of the Gauss-Newton steps with one set of weights."""
-VELOCITY_HALVINGS = 12
-"""Upper bound of the halvings of a step that does not lower the squared weighted residual."""
 VELOCITY_WEIGHTS = 2
 """Number of sets of weights: those of the first velocities, and those of the velocities estimated with them."""
 LOAD_PASSES = 12
@@ -370,56 +370,87 @@ def _refined(log: _Along, velocities: Array, inner: np.ndarray, solve: Solve) ->
 
     All other columns are eliminated once for each set of weights, so that a step is a fit of two columns a velocity.
     """
-    robot, system = log.robot, log.system
-    terms = robot.friction.estimated
-    moving = [int(k) for k in np.flatnonzero(inner)]
-    std = np.full(len(terms), np.nan)
-    velocities = velocities.copy()
-    if not moving:
+    moving = np.flatnonzero(inner)
+    std, velocities = np.full(len(velocities), np.nan), velocities.copy()
+    if not moving.size:
         return velocities, std
-    w, count = system.w.copy(), len(moving)
-    own = [system.names.index(terms[k].parameter) for k in moving]
-    low, high = np.array([_range(robot, terms[k]) for k in moving]).T
-
-    def columns(shape: Shape) -> Array:
-        return np.hstack([_columns(log, terms[k], velocities[[k]], shape) for k in moving])
-
+    system = log.system
+    terms = [log.robot.friction.estimated[k] for k in moving]
+    own = [system.names.index(term.parameter) for term in terms]
+    w = system.w.copy()
     for _ in range(VELOCITY_WEIGHTS):
         _, weights = solve(replace(system, w=w))
         others, _ = np.linalg.qr(np.delete(w, own, axis=1) * weights[:, None])
         y = _beyond(others, system.y[:, None] * weights[:, None])[:, 0]
-        for _ in range(VELOCITY_STEPS):
-            laws, slopes = (_beyond(others, part * weights[:, None]) for part in (w[:, own], columns(_slope)))
-            beta = np.linalg.lstsq(laws, y, rcond=None)[0]
-            both = np.hstack([laws, slopes * beta])
-            q, r = np.linalg.qr(both)
-            solution = np.linalg.solve(r, q.T @ y)
-            inverse = np.linalg.solve(r, np.eye(2 * count))
-            rest = y - both @ solution
-            variance = float(rest @ rest) / max(1, rest.size - w.shape[1] - count)
-            std[moving] = np.sqrt(variance * np.square(inverse[count:]).sum(axis=1))
-            # A velocity is above zero and is known as a factor: steps are bounded in its logarithm.
-            relative = np.clip(solution[count:] / velocities[moving], -0.5, 1.0)
-            before, left = velocities[moving], _left(laws, y)
-            for _ in range(VELOCITY_HALVINGS):
-                velocities[moving] = np.clip(before * (1.0 + relative), low, high)
-                w[:, own] = columns(_law)
-                if _left(_beyond(others, w[:, own] * weights[:, None]), y) <= left:
-                    break
-                relative = 0.5 * relative
-            settled_share = np.maximum(
-                SETTLED_VELOCITY, SETTLED_DEVIATIONS * std[moving] / velocities[moving]
-            )
-            inside = (low < velocities[moving]) & (velocities[moving] < high)
-            if (np.abs(relative) <= settled_share)[inside].all():
-                break
+        start = _Point(log, terms, others, weights, y, velocities[moving])
+        point, _, _ = descend(start, VELOCITY_STEPS)
+        velocities[moving], std[moving], w[:, own] = point.velocities, point.std, point.columns(_law)
     return velocities, std
 
 
-def _left(columns: Array, y: Array) -> float:
-    """Return the squares that columns leave of torques."""
-    rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-    return float(rest @ rest)
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Velocities of laws, beside orthonormal columns of all others."""
+
+    log: _Along
+    terms: Sequence[FrictionTerm]
+    others: Array
+    weights: Array
+    y: Array
+    velocities: Array
+
+    def columns(self, shape: Shape) -> Array:
+        """Columns of the laws, or their derivatives, (r, k)."""
+        pairs = zip(self.terms, self.velocities, strict=True)
+        return np.hstack([_columns(self.log, term, np.array([value]), shape) for term, value in pairs])
+
+    @cached_property
+    def _fit(self) -> tuple[Array, Array, Array]:
+        """Laws beyond the other columns, their coefficients, and what they leave."""
+        laws = _beyond(self.others, self.columns(_law) * self.weights[:, None])
+        beta = np.asarray(np.linalg.lstsq(laws, self.y, rcond=None)[0], dtype=np.float64)
+        return laws, beta, self.y - laws @ beta
+
+    @property
+    def cost(self) -> float:
+        """Squared weighted residual."""
+        rest = self._fit[2]
+        return float(rest @ rest)
+
+    @cached_property
+    def _step(self) -> tuple[Array, Array]:
+        """Relative change of the velocities by a Gauss-Newton step, and their standard deviations."""
+        laws, beta, _ = self._fit
+        slopes = _beyond(self.others, self.columns(_slope) * self.weights[:, None])
+        both, count = np.hstack([laws, slopes * beta]), len(beta)
+        q, r = np.linalg.qr(both)
+        solution = np.linalg.solve(r, q.T @ self.y)
+        inverse = np.linalg.solve(r, np.eye(2 * count))
+        rest = self.y - both @ solution
+        variance = float(rest @ rest) / max(1, rest.size - self.log.system.w.shape[1] - count)
+        std = np.sqrt(variance * np.square(inverse[count:]).sum(axis=1))
+        # A velocity is above zero and is known as a factor: steps are bounded in its logarithm.
+        return np.clip(solution[count:] / self.velocities, -0.5, 1.0), np.asarray(std)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the velocities, (k,)."""
+        return self._step[1]
+
+    @property
+    def _ends(self) -> tuple[Array, Array]:
+        low, high = np.array([_range(self.log.robot, term) for term in self.terms]).T
+        return low, high
+
+    def moved(self, share: float) -> _Point:
+        there = np.clip(self.velocities * (1.0 + share * self._step[0]), *self._ends)
+        return replace(self, velocities=there)
+
+    def rests(self, share: float) -> bool:
+        there, (low, high) = self.moved(share).velocities, self._ends
+        small = np.maximum(SETTLED_VELOCITY, SETTLED_DEVIATIONS * self.std / there)
+        inside = (low < there) & (there < high)
+        return bool((np.abs(share * self._step[0]) <= small)[inside].all())
 
 
 def _beyond(q: Array, columns: Array) -> Array:

@@ -9,6 +9,7 @@ gain is the one with which friction brakes. Tested in ``tests/test_drive_gains.p
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ..._tools.words import joints_text, series
 from ...errors import FitError, RankError
 from ...terms.rows import LinearSystem, unit_columns
 from ..covariance import covariance
+from ..descent import descend
 from ..fit import Fit
 from ..settings import LeastSquaresSettings
 from .currents import Currents
@@ -27,8 +29,6 @@ SETTLED_LOG_GAIN = 1e-10
 """Change of log K below which the iteration has converged."""
 LARGEST_STEP = 0.5
 """Largest change of log K in a step."""
-GAIN_HALVINGS = 12
-"""Largest number of times a step is halved while the cost does not decrease."""
 SINGULAR = 1e-11
 """Smallest singular value of the scaled Jacobian, as a share of the largest, for the log to determine the gains."""
 WEAK_GAIN_PERCENT = 20.0
@@ -84,28 +84,49 @@ def drive_gains(
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents) if start is None else np.array(start, dtype=np.float64)
-    theta = currents.parameters(gains)
-    errors = _errors(currents, gains, theta)
-    cost = _cost(currents, errors)
-    n = currents.n_motors
-    converged = False
-    for number in range(1, GAIN_STEPS + 1):  # noqa: B007 - number of steps
-        weights = 1.0 / currents.spread(errors)[currents.motor]
-        jacobian, size = _jacobian(currents, gains, theta, weights)
-        step = np.linalg.lstsq(jacobian, errors * weights, rcond=SINGULAR)[0] / size
-        length = min(1.0, LARGEST_STEP / max(float(np.abs(step[-n:]).max()), 1e-300))
-        for _ in range(GAIN_HALVINGS):
-            there = gains * np.exp(length * step[-n:]), theta + length * step[:-n]
-            moved = _errors(currents, *there)
-            if _cost(currents, moved) <= cost + 1e-9 * abs(cost):
-                break
-            length *= 0.5
-        gains, theta = there
-        errors, cost = moved, _cost(currents, moved)
-        if np.abs(length * step[-n:]).max() < SETTLED_LOG_GAIN:
-            converged = True
-            break
-    return _result(currents, gains, theta, settings, converged, number)
+    there, number, converged = descend(_Point(currents, gains, currents.parameters(gains)), GAIN_STEPS)
+    return _result(there, settings, converged, number)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Gains and parameters, with the errors of the currents there."""
+
+    currents: Currents
+    gains: Array
+    theta: Array
+
+    @cached_property
+    def errors(self) -> Array:
+        currents = self.currents
+        torque = currents.columns @ self.theta + currents.known
+        return np.asarray(currents.current - torque / self.gains[currents.motor])
+
+    @cached_property
+    def cost(self) -> float:
+        """Negative log-likelihood up to constants."""
+        return float(np.bincount(self.currents.motor) @ np.log(self.currents.spread(self.errors)))
+
+    @cached_property
+    def step(self) -> Array:
+        """Gauss-Newton step of the parameters and of log K."""
+        weights = 1.0 / self.currents.spread(self.errors)[self.currents.motor]
+        jacobian, size = _jacobian(self.currents, self.gains, self.theta, weights)
+        return np.asarray(np.linalg.lstsq(jacobian, self.errors * weights, rcond=SINGULAR)[0] / size)
+
+    def length(self, share: float) -> float:
+        """Share of the step with which no gain changes by more than `LARGEST_STEP`."""
+        largest = float(np.abs(self.step[-self.currents.n_motors :]).max())
+        return min(1.0, LARGEST_STEP / max(largest, 1e-300)) * share
+
+    def moved(self, share: float) -> _Point:
+        n, length = self.currents.n_motors, self.length(share)
+        gains = self.gains * np.exp(length * self.step[-n:])
+        return replace(self, gains=gains, theta=self.theta + length * self.step[:-n])
+
+    def rests(self, share: float) -> bool:
+        change = self.length(share) * self.step[-self.currents.n_motors :]
+        return bool(np.abs(change).max() < SETTLED_LOG_GAIN)
 
 
 def first_gains(currents: Currents) -> Array:
@@ -136,7 +157,7 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
     currents = Currents.of(system, reduction)
     gains = first_gains(currents)
     theta = currents.parameters(gains)
-    errors = _errors(currents, gains, theta)
+    errors = _Point(currents, gains, theta).errors
     # With one gain for all, the residual contains the gains' errors; separate ratios leave the noise.
     for motor in range(currents.n_motors):
         rows = currents.motor == motor
@@ -161,15 +182,6 @@ def expected_sentence(percent: Array) -> str:
     return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
 
 
-def _errors(currents: Currents, gains: Array, theta: Array) -> Array:
-    return np.asarray(currents.current - (currents.columns @ theta + currents.known) / gains[currents.motor])
-
-
-def _cost(currents: Currents, errors: Array) -> float:
-    """Return the negative log-likelihood up to constants."""
-    return float(np.bincount(currents.motor) @ np.log(currents.spread(errors)))
-
-
 def _jacobian(currents: Currents, gains: Array, theta: Array, weights: Array) -> tuple[Array, Array]:
     """Return the weighted derivatives of the modelled currents by (theta, log K) as unit columns, and their lengths."""
     own = gains[currents.motor]
@@ -178,19 +190,12 @@ def _jacobian(currents: Currents, gains: Array, theta: Array, weights: Array) ->
     return unit_columns(jacobian * weights[:, None])
 
 
-def _result(
-    currents: Currents,
-    gains: Array,
-    theta: Array,
-    settings: LeastSquaresSettings,
-    converged: bool,
-    number: int,
-) -> Gains:
+def _result(point: _Point, settings: LeastSquaresSettings, converged: bool, number: int) -> Gains:
     """Linearise at the solution, in units of motor torque, and compute its covariance."""
+    currents, gains, theta, errors = point.currents, point.gains, point.theta, point.errors
     own = gains[currents.motor]
     system = currents.linearised(theta, gains)
     columns = system.w
-    errors = _errors(currents, gains, theta)
     weights = 1.0 / np.abs(own * currents.spread(errors)[currents.motor])
     weighted = columns * weights[:, None]
     size = np.linalg.norm(weighted, axis=0)
