@@ -114,11 +114,37 @@ def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
     path = written(tmp_path)
     with pytest.raises(FitError, match=r"two.xml: there is no joint 'plan'; did you mean 'pan'"):
         edit_mjcf(Drives((replace(PAN, joint="plan"),)), path)
-    start, end = ARM.index("  <worldbody>"), ARM.index("  <actuator>")
-    (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>{ARM[start:end]}</mujocoinclude>")
-    path.write_text(ARM[:start] + '<include file="bodies.xml"/>' + ARM[end:])
-    with pytest.raises(FitError, match="joint 'pan' is in an included file"):
-        edit_mjcf(BOTH, path)
+    start, end = ARM.index('    <body name="upper">'), ARM.index("  </worldbody>")
+    twice = f'<replicate count="2" sep="_">{ARM[start:end]}</replicate>'
+    path.write_text(ARM[:start] + twice + ARM[end:].replace('"pan"', '"pan_0"').replace('"lift"', '"lift_0"'))
+    with pytest.raises(FitError, match=r"two.xml: joint 'pan_0' has no element of its own, as a <replicate>"):
+        edit_mjcf(Drives((replace(PAN, joint="pan_0"),)), path)
+
+
+def test_an_included_file_that_changes_stands_in_its_place(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    whole, _ = edit_mjcf(BOTH, path)
+    start, end = ARM.index("<worldbody>"), ARM.index("  <actuator>")
+    (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>\n{ARM[start:end]}</mujocoinclude>\n")
+    (tmp_path / "default.xml").write_text("<mujoco><default/></mujoco>")
+    others = '<include file="default.xml"/>\n'
+    path.write_text(ARM[:start] + '<include file="bodies.xml"/>\n' + others + ARM[end:])
+    content, _ = edit_mjcf(BOTH, path)
+    assert content.decode().replace(others, "") == whole.decode()
+    assert others in content.decode()
+
+
+def test_a_damping_ratio_gives_way_to_the_gain(tmp_path: Path) -> None:
+    ratio = '<position name="p1" joint="pan" dampratio="1"'
+    text = ARM.replace('<position name="p1" joint="pan"', ratio).replace('kp="20" kv="0.5"', 'kp="20"')
+    content, _ = edit_mjcf(BOTH, written(tmp_path, text))
+    assert b"dampratio" not in content
+    model = mujoco.MjModel.from_xml_string(content.decode())
+    assert -model.actuator_biasprm[0, 2] == pytest.approx(0.5)
+    # One that the new armatures happen not to change is replaced too, as it would follow the next ones.
+    compiled = mujoco.MjModel.from_xml_string(text)
+    same = replace(PAN, rotor=0.01, kp=20.0, kv=-float(compiled.actuator_biasprm[0, 2]))
+    assert b"dampratio" not in edit_mjcf(Drives((same, replace(LIFT, rotor=0.01))), tmp_path / "two.xml")[0]
 
 
 # Steps.

@@ -78,7 +78,7 @@ def _add_forms(form: Options) -> None:
     add_option(
         form,
         "--mjcf ROBOT.xml",
-        "write MJCF, the format of MuJoCo; with a file, only change its drives",
+        "write MJCF, the format of MuJoCo; with a file, change its inertias and drives (of a result on positions: its drives)",
         Path,
         nargs="?",
         const=NEW,
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     from ..export.code.c_header import to_c
     from ..export.code.latex import to_latex
     from ..export.source import exported_parameters
-    from ..export.write import export
+    from ..export.write import export, into_mjcf
     from ..robot.robot_file import load_robot
 
     if options.prefix is not None and not options.c:
@@ -109,8 +109,9 @@ def run(options: argparse.Namespace) -> int:
         return refuse("--keep-lumped is for --urdf")
     if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
         options.fit, options.mjcf = options.mjcf, NEW
-    of_drives = options.isaac_lab or options.mjlab or options.bam or options.mjcf not in (None, NEW)
-    if options.for_step is not None and (not of_drives or options.bam or not 0.0 < options.for_step <= 1.0):
+    into = None if options.mjcf == NEW else options.mjcf
+    simulators = options.isaac_lab or options.mjlab
+    if options.for_step is not None and not ((into or simulators) and 0.0 < options.for_step <= 1.0):
         return refuse(
             "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
         )
@@ -120,17 +121,21 @@ def run(options: argparse.Namespace) -> int:
         return _written(options.output, to_latex(load_robot(options.robot)).encode())
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
-    if of_drives or (options.urdf is not None and options.fit is not None and _has_servos(options.fit)):
+    servos = (into or options.urdf) and options.fit is not None and _has_servos(options.fit)
+    if simulators or options.bam or servos:
         return _drives(options)
     source = exported_parameters(
         fit=options.fit,
         parameters=options.parameters,
         robot=options.robot,
-        urdf=options.urdf,
+        urdf=into or options.urdf,
         prior=options.prior,
         further_terms=options.c or options.latex,
         payload=options.payload,
     )
+    if into:
+        content, told, notes = into_mjcf(into, source, options.fit, options.for_step)
+        return _written(options.output, content, told, notes)
     if options.c or options.latex:
         text = (
             to_c(source.robot, source.x, prefix=options.prefix, smoothing=options.smoothing)
@@ -160,16 +165,16 @@ def _drives(options: argparse.Namespace) -> int:
     """Write the drives of a result for a simulator."""
     from ..export.configuration import bam, isaac_lab, mjlab
     from ..export.drives import for_step, read_drives
-    from ..export.mjcf_edit import edit_mjcf
     from ..export.urdf import edit_dynamics
+    from ..export.write import into_mjcf
 
     if options.payload is not None:
         return refuse("--payload is for forms with links: a URDF, MJCF, SDF or C of a result on torques")
     if options.fit is None:
         return refuse("drives are exported of a result, FIT.json, and not of --parameters")
-    drives, step = read_drives(options.fit), options.for_step
-    if options.bam or options.urdf is not None or options.mjlab or options.isaac_lab:
-        drives = drives.without_springs()
+    if options.mjcf is not None:
+        return _written(options.output, *into_mjcf(options.mjcf, None, options.fit, options.for_step))
+    drives, step = read_drives(options.fit).without_springs(), options.for_step
     if options.bam:
         content = bam(drives).encode()
     elif options.urdf is not None:
@@ -177,10 +182,8 @@ def _drives(options: argparse.Namespace) -> int:
     elif options.mjlab:
         drives = drives if step is None else for_step(drives, step, "implicitfast")
         content = mjlab(drives, step).encode()
-    elif options.isaac_lab:
-        content = isaac_lab(drives, step).encode()
     else:
-        content, drives = edit_mjcf(drives, options.mjcf, step_s=step)
+        content = isaac_lab(drives, step).encode()
     return _written(options.output, content, f"{drives}")
 
 

@@ -1,7 +1,7 @@
 """Physically consistent parameters for an export, from any result: the bodies nearest to its estimate.
 
 Base parameters alone give no masses. `Identification.consistent` finds the robot nearest to the estimate, in the metric of its
-covariance; a prior (the URDF's own inertias, where it has some) decides on what the log leaves open. Tested in
+covariance; a prior (the own inertias of the URDF or MJCF, where it has some) decides on what the log leaves open. Tested in
 ``tests/test_export_consistent.py``.
 """
 
@@ -18,7 +18,7 @@ from ..regression.consistent.nearest import FEWEST_DRAWS
 from ..result.identification import Identification
 from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
-from ..robot.urdf.reading import URDF_SET
+from ..robot.urdf.reading import file_set
 
 GAMMAS_KNOWN = (1.0, 10.0, 100.0, 1000.0)
 """Weights (nats) of a prior that describes this robot, such as its URDF: a link with a tenth of the mass is some 2.3 of them away
@@ -30,6 +30,10 @@ second and 6.8 with the third."""
 
 GAMMA_GENERIC = 0.01
 """Weight (nats) of a prior that only knows the size of the arm: it only affects parameters that the log does not identify."""
+
+
+ROUNDING = 1e-9
+"""Variance, as a share of the others, that keeps a metric regular where parameters are known or correlate fully."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ def consistent_parameters(
     robot : Robot
         Its robot, with the friction of the result.
     prior : str, optional
-        Parameter set of the robot, or "generic" for solids that fit the arm; by default the set of the URDF where there is one.
+        Parameter set of the robot, or "generic" for solids that fit the arm; by default that of its URDF or MJCF, if any.
 
     Raises
     ------
@@ -78,7 +82,7 @@ def consistent_parameters(
     if fit.names != robot.base_parameters.names:
         raise FitError(f"result {fit.name!r}: its base parameters are not those of robot {robot.name!r}")
     if prior is None:
-        prior = URDF_SET if URDF_SET in robot.sets else "generic"
+        prior = file_set(robot) or "generic"
     known = fit.std > 0.0
     generic = prior == "generic"
     # What the log tells is told by a prior that hardly holds it.
@@ -95,6 +99,47 @@ def consistent_parameters(
         sigmas=float(np.sqrt(np.mean(difference**2))),
         from_prior=parameters_from_prior(told, robot),
     )
+
+
+def without_links_between(fit: Identification, robot: Robot, x: Array) -> tuple[Array, float]:
+    """Return parameters whose links between the joints of one body have no mass, and their distance to the others.
+
+    The other parameters take the base parameters over: exactly where they can, and else the nearest in the metric of the estimate.
+
+    Parameters
+    ----------
+    fit : Identification
+        The result.
+    robot : Robot
+        Its robot, whose MJCF has bodies with several joints.
+    x : (n_parameters,) array
+        Standard parameters.
+
+    Returns
+    -------
+    (n_parameters,) array, float
+        New parameters, and the root mean square of the differences in standard deviations (``test_export_links.py``).
+    """
+    names = robot.parameter_names
+    own = robot.sets.get(file_set(robot) or "", np.ones(len(names)))
+    tens = [
+        [names.index(f"{key}{j + 1}") for key in INERTIAL] for j in {*robot.geometry.parents} if j is not None
+    ]
+    dropped = [index for ten in tens if not own[ten].any() for index in ten]
+    if not x[dropped].any():
+        return x, 0.0
+    new = x.copy()
+    new[dropped] = 0.0
+    others = np.setdiff1d(np.arange(len(names)), dropped)
+    std = np.where(fit.std > 0.0, fit.std, np.abs(fit.beta).max() * ROUNDING)
+    correlation = fit.covariance / np.outer(std, std) + ROUNDING * np.eye(len(std))
+    correlation[np.diag_indices(len(std))] = 1.0 + ROUNDING
+    metric = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+    matrix = robot.base_parameters.matrix
+    size = np.abs(new[others]) + ROUNDING
+    step, *_ = np.linalg.lstsq(metric @ matrix[:, others] * size, metric @ (matrix @ (x - new)), rcond=None)
+    new[others] += size * step
+    return new, float(np.sqrt(np.mean((metric @ (matrix @ (new - x))) ** 2)))
 
 
 def parameters_from_prior(fit: Identification, robot: Robot) -> dict[int, tuple[str, ...]]:
