@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -85,7 +86,13 @@ def _add_forms(form: Options) -> None:
     )
     add_flag(form, "--isaac-lab", "write the actuators of an Isaac Lab articulation")
     add_flag(form, "--mjlab", "write the actuators of an mjlab entity")
-    add_flag(form, "--bam", "write parameters of BAM's friction model M1 as JSON")
+    add_option(
+        form,
+        "--bam ACTUATOR",
+        "parameters of BAM's friction model M1, a JSON for each joint, for load_model with BAM's name of the actuator",
+        nargs="?",
+        const="",
+    )
     add_flag(form, "--sdf", "write SDF, the format of Gazebo and Drake")
     add_flag(form, "--c", "write a C99 header: torques, M(q) and gravity")
     add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
@@ -109,6 +116,8 @@ def run(options: argparse.Namespace) -> int:
         return refuse("--keep-lumped is for --urdf")
     if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
         options.fit, options.mjcf = options.mjcf, NEW
+    if (options.bam or "").endswith(".json") and options.fit is None:
+        options.fit, options.bam = Path(options.bam), ""
     into = None if options.mjcf == NEW else options.mjcf
     simulators = options.isaac_lab or options.mjlab
     if options.for_step is not None and not ((into or simulators) and 0.0 < options.for_step <= 1.0):
@@ -122,7 +131,9 @@ def run(options: argparse.Namespace) -> int:
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
     servos = (into or options.urdf) and options.fit is not None and _has_servos(options.fit)
-    if simulators or options.bam or servos:
+    if options.bam is not None:
+        return _bam(options)
+    if simulators or servos:
         return _drives(options)
     source = exported_parameters(
         fit=options.fit,
@@ -163,7 +174,7 @@ def _has_servos(fit: Path) -> bool:
 
 def _drives(options: argparse.Namespace) -> int:
     """Write the drives of a result for a simulator."""
-    from ..export.configuration import bam, isaac_lab, mjlab
+    from ..export.configuration import isaac_lab, mjlab
     from ..export.drives import for_step, read_drives
     from ..export.urdf import edit_dynamics
     from ..export.write import into_mjcf
@@ -175,9 +186,7 @@ def _drives(options: argparse.Namespace) -> int:
     if options.mjcf is not None:
         return _written(options.output, *into_mjcf(options.mjcf, None, options.fit, options.for_step))
     drives, step = read_drives(options.fit).without_springs(), options.for_step
-    if options.bam:
-        content = bam(drives).encode()
-    elif options.urdf is not None:
+    if options.urdf is not None:
         content = edit_dynamics(drives, options.urdf)
     elif options.mjlab:
         drives = drives if step is None else for_step(drives, step, "implicitfast")
@@ -185,6 +194,32 @@ def _drives(options: argparse.Namespace) -> int:
     else:
         content = isaac_lab(drives, step).encode()
     return _written(options.output, content, f"{drives}")
+
+
+def _bam(options: argparse.Namespace) -> int:
+    """Write the parameters of each joint for BAM: of several joints to files with their names."""
+    from ..export.configuration import bam
+    from ..export.drives import read_drives
+
+    if options.fit is None or options.payload is not None:
+        return refuse("--bam is for a result, FIT.json, and for joints without payloads")
+    drives = read_drives(options.fit).without_springs()
+    contents = {drive.joint: bam(drive, options.bam).encode() for drive in drives.every}
+    if len(contents) == 1:
+        return _written(options.output, *contents.values(), f"{drives}")
+    if options.output is None:
+        return refuse(
+            f"--bam writes {len(contents)} files, one for each joint: -o NAME.json, where NAME_JOINT.json are written"
+        )
+    saved, paths = Saved(), []
+    for joint in contents:
+        name = f"{options.output.stem}_{re.sub(r'[^A-Za-z0-9_.-]', '_', joint)}{options.output.suffix}"
+        paths.append(options.output.with_name(name))
+        refuse_existing(paths[-1], force=options.force)
+    check_outputs(*paths)
+    for path, content in zip(paths, contents.values(), strict=True):
+        saved.write(path, content)
+    return saved.end(f"{drives}")
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:
