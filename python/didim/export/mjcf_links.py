@@ -144,8 +144,8 @@ def _shared(
                 (each.link, np.zeros((4, 4))) for each in emptied if each.inertial or each.link in lost
             )
             return
-    names = series((member.link for member in held if member.locked), 60)
-    raise FitError(f"{where}: body {first.link!r} is no body without {names or 'others'}: {reason}")
+    names = series((member.link for member in held if member.locked), 30)
+    raise FitError(f"body {first.link!r} is no body without {names or 'others'}: {reason}")
 
 
 def _same(one: Array, other: Array) -> bool:
