@@ -97,7 +97,7 @@ def test_bodies_with_several_joints_and_inertias_of_geoms(tmp_path: Path) -> Non
     x = changed(robot)
     assert difference(robot, robot.parameter_set("mjcf"), SEVERAL) < 1e-12
     content, told, _ = into_mjcf(tmp_path / "own.xml", Source(robot, x), None)
-    assert "geoms made the inertia of hand: an <inertial> replaces it" in told
+    assert "MuJoCo made the inertia of hand: an <inertial> replaces it" in told
     text = content.decode()
     assert difference(robot, x, text) < 1e-12
     losses = [x[robot.parameter_names.index(f"Fc{j}")] for j in range(1, 6)]
@@ -190,22 +190,33 @@ def test_a_compiler_that_takes_all_inertias_of_geoms(tmp_path: Path) -> None:
     found = content.decode()
     assert difference(robot, x, found) < 1e-12
     assert 'inertiafromgeom="auto"' in found
-    assert "geoms made the inertia of fork, hand, lamp: an <inertial> replaces it" in told
+    assert "MuJoCo made the inertia of fork, lamp, hand: an <inertial> replaces it" in told
     # The lamp, whose own element did not count, has what its geom made.
     np.testing.assert_allclose(mujoco.MjModel.from_xml_string(found).body("lamp").mass, 1.2)
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("settotalmass", "3"), ("boundmass", "5"), ("boundinertia", "0.5")]
+    ("key", "value", "off"),
+    [("settotalmass", "3", "-1"), ("boundmass", "0.6", "0"), ("boundinertia", "0.5", "0")],
 )
-def test_a_compiler_that_would_change_the_new_inertias(tmp_path: Path, key: str, value: str) -> None:
-    text = SEVERAL.replace("<compiler", f'<compiler {key}="{value}"')
-    robot = loaded(tmp_path, SEVERAL)
-    (tmp_path / "own.xml").write_text(text)
-    with pytest.raises(
-        FitError, match=f"own.xml: MuJoCo would change the new inertias, as its compiler has {key}"
-    ):
-        written(robot, changed(robot), tmp_path / "own.xml")
+def test_a_compiler_that_would_change_the_new_inertias(
+    tmp_path: Path, key: str, value: str, off: str
+) -> None:
+    stand = '<body name="stand"><geom size="0.1"/></body>'
+    text = SEVERAL.replace("<compiler", f'<compiler {key}="{value}"').replace(
+        "<worldbody>", f"<worldbody>{stand}"
+    )
+    before = mujoco.MjModel.from_xml_string(text)
+    robot = loaded(tmp_path, text)
+    assert written(robot, robot.parameter_set("mjcf"), tmp_path / "own.xml") == text
+    x = robot.parameter_set("mjcf") * 0.7
+    found = written(robot, x, tmp_path / "own.xml")
+    assert f'{key}="{off}"' in found
+    assert difference(robot, x, found) < 1e-12
+    after = mujoco.MjModel.from_xml_string(found)
+    for name in ("lamp", "stand"):
+        assert after.body(name).mass == pytest.approx(before.body(name).mass, rel=1e-12)
+        np.testing.assert_allclose(after.body(name).inertia, before.body(name).inertia, rtol=1e-9)
 
 
 def test_a_body_that_is_none_without_those_fixed_to_it_takes_theirs(tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, attributes_out
 from .bodies import ExportModel
 from .numbers import number, numbers
 
-SAME = 1e-12
-"""Largest relative difference of two equal values: the file then keeps its digits."""
+SAME = 1e-10
+"""Largest relative difference of two equal values, whose digits the file then keeps: frames that are far away cost some."""
 TURNED = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 """Attributes of the orientation of an inertial frame, which ``fullinertia`` does without."""
 
@@ -75,27 +75,22 @@ def link_edits(elements: MjcfElements, chain: Chain, links: ExportModel) -> tupl
     Raises
     ------
     FitError
-        When a body is none without those fixed to it, or has no element, or the compiler of the file would change it.
+        When a body is none without those fixed to it, or has no element.
     """
     groups = {joint.name: group for joint, group in zip(chain.joints, chain.groups, strict=True)}
     pseudos: dict[str, Array] = {}
     for j, link in enumerate(links.links):
         back = inverse(chain.frames[link.joint]) @ links.frames[j]
         pseudos |= _shared(elements, link.joint, groups[link.joint], back @ link.pseudo @ back.T)
-    compilers = list(elements.outermost.all("compiler"))
-    edits = [
-        attribute_edit(each, "inertiafromgeom", "auto")
-        for each in compilers
-        if pseudos and each.attributes.get("inertiafromgeom") == "true"
-    ]
-    of_geoms = bool(edits)
-    if of_geoms:  # what geoms made of other bodies stays
-        for name, element in elements.bodies.items():
-            inertial = elements.description.links[name]
-            if name not in pseudos and element.find("inertial") is not None and inertial is not None:
-                pseudos[name] = inertial.pseudo
-    for each in compilers:
-        _check_compiler(elements.description.where, each, pseudos)
+    edits = _compiler_edits(elements, pseudos)
+    changed = bool(edits)
+    if changed:  # what the compiler made of other bodies stays
+        others = {
+            name: inertial.pseudo
+            for name in elements.bodies
+            if (inertial := elements.description.links[name])
+        }
+        pseudos = others | pseudos
     for name, pseudo in pseudos.items():
         if name not in elements.bodies:
             raise FitError(
@@ -105,9 +100,9 @@ def link_edits(elements: MjcfElements, chain: Chain, links: ExportModel) -> tupl
     made = [
         name
         for name in pseudos
-        if of_geoms or (name in elements.bodies and not elements.bodies[name].find("inertial"))
+        if changed or (name in elements.bodies and not elements.bodies[name].find("inertial"))
     ]
-    told = [f"geoms made the inertia of {series(made, 60)}: an <inertial> replaces it"] if made else []
+    told = [f"MuJoCo made the inertia of {series(made, 60)}: an <inertial> replaces it"] if made else []
     down = chain.base_pose[:3, :3].T @ np.array(elements.description.gravity)
     if not np.allclose(down, links.gravity, atol=LARGEST_DIFFERENCE * np.abs(down).max()):
         told.append(
@@ -152,18 +147,22 @@ def _same(one: Array, other: Array) -> bool:
     return bool(np.linalg.norm(one - other) <= SAME * np.linalg.norm(other))
 
 
-def _check_compiler(where: str, compiler: Element, pseudos: Mapping[str, Array]) -> None:
-    """Refuse a file whose compiler changes what would be written."""
-    keys = ("settotalmass", "boundmass", "boundinertia")
-    total, mass, inertia = (float(compiler.attributes.get(key, "0")) for key in keys)
+def _compiler_edits(elements: MjcfElements, pseudos: Mapping[str, Array]) -> list[Edit]:
+    """Return the changes that keep MuJoCo's compiler from changing new inertias, or from taking those of geoms."""
     heavy = [pseudo for pseudo in pseudos.values() if pseudo.any()]
-    small = [name for name, pseudo in pseudos.items() if pseudo.any() and pseudo[3, 3] < mass]
-    flat = inertia and min(np.linalg.eigvalsh(central(pseudo)[2])[0] for pseudo in heavy) < inertia
-    for key, changes in zip(keys, (heavy and total > 0.0, small, flat), strict=True):
-        if changes:
-            raise FitError(
-                f"{where}: MuJoCo would change the new inertias, as its compiler has {key}; take that out"
-            )
+    lightest = min((pseudo[3, 3] for pseudo in heavy), default=np.inf)
+    flattest = min((np.linalg.eigvalsh(central(pseudo)[2])[0] for pseudo in heavy), default=np.inf)
+    edits = []
+    for compiler in elements.outermost.all("compiler") if heavy else ():
+        old = compiler.attributes
+        changes = {
+            "inertiafromgeom": ("auto", old.get("inertiafromgeom") == "true"),
+            "settotalmass": ("-1", float(old.get("settotalmass", "-1")) > 0.0),
+            "boundmass": ("0", float(old.get("boundmass", "0")) > lightest),
+            "boundinertia": ("0", float(old.get("boundinertia", "0")) > flattest),
+        }
+        edits += [attribute_edit(compiler, key, value) for key, (value, needed) in changes.items() if needed]
+    return edits
 
 
 def _inertial(body: Element, pseudo: Array) -> list[Edit]:
