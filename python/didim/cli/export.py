@@ -98,6 +98,26 @@ def _add_forms(form: Options) -> None:
     add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
 
 
+def _wrong(options: argparse.Namespace) -> str | None:
+    """Return what is wrong with options together; a result behind --mjcf or --bam is the result."""
+    if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
+        options.fit, options.mjcf = options.mjcf, NEW
+    if (options.bam or "").endswith(".json") and options.fit is None:
+        options.fit, options.bam = Path(options.bam), ""
+    if options.prefix is not None and not options.c:
+        return "--prefix is for --c"
+    if options.smoothing is not None and not options.c:
+        return "--smoothing is for --c"
+    if options.payload is not None and options.fit is None:
+        return "--payload is for a result, FIT.json, which has payloads"
+    if options.keep_lumped and options.urdf is None:
+        return "--keep-lumped is for --urdf"
+    steps = options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab
+    if options.for_step is not None and not (steps and 0.0 < options.for_step <= 1.0):
+        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
+    return None
+
+
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..export.code.c_header import to_c
@@ -106,24 +126,10 @@ def run(options: argparse.Namespace) -> int:
     from ..export.write import export, into_mjcf
     from ..robot.robot_file import load_robot
 
-    if options.prefix is not None and not options.c:
-        return refuse("--prefix is for --c")
-    if options.smoothing is not None and not options.c:
-        return refuse("--smoothing is for --c")
-    if options.payload is not None and options.fit is None and options.mjcf is None:
-        return refuse("--payload is for a result, FIT.json, which has payloads")
-    if options.keep_lumped and options.urdf is None:
-        return refuse("--keep-lumped is for --urdf")
-    if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
-        options.fit, options.mjcf = options.mjcf, NEW
-    if (options.bam or "").endswith(".json") and options.fit is None:
-        options.fit, options.bam = Path(options.bam), ""
+    if wrong := _wrong(options):
+        return refuse(wrong)
     into = None if options.mjcf == NEW else options.mjcf
     simulators = options.isaac_lab or options.mjlab
-    if options.for_step is not None and not ((into or simulators) and 0.0 < options.for_step <= 1.0):
-        return refuse(
-            "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
-        )
     refuse_existing(options.output, force=options.force)
     check_outputs(options.output)
     if options.latex and options.fit is None and options.parameters is None and options.robot is not None:
@@ -206,7 +212,7 @@ def _bam(options: argparse.Namespace) -> int:
     drives = read_drives(options.fit).without_springs()
     contents = {drive.joint: bam(drive, options.bam).encode() for drive in drives.every}
     if len(contents) == 1:
-        return _written(options.output, *contents.values(), f"{drives}")
+        return _written(options.output, next(iter(contents.values())), f"{drives}")
     if options.output is None:
         return refuse(
             f"--bam writes {len(contents)} files, one for each joint: -o NAME.json, where NAME_JOINT.json are written"

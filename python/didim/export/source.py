@@ -17,9 +17,9 @@ from ..robot.parameter_file import is_file, load_parameters
 from ..robot.payload import carrying_joint, payload_columns
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
-from ..robot.urdf.reading import MJCF_SET, file_set
+from ..robot.urdf.reading import file_set
 from .bodies import PLACED, export_model
-from .consistent import consistent_parameters, parameters_from_prior, without_links_between
+from .consistent import consistent_parameters, inertial_of, links_between, parameters_from_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,22 +98,18 @@ def exported_parameters(
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
     load, about = carried(result, model, payload)
-    if prior is None and _are_bodies(model, x) and not _open_to(result, model):
+    empty = links_between(model) if urdf is not None else ()
+    full = x[inertial_of(model, empty)].any()
+    if prior is None and not full and _are_bodies(model, x) and not _open_to(result, model):
         told: Mapping[int, tuple[str, ...]] = parameters_from_prior(result, model)
     else:
-        chosen = consistent_parameters(result, model, prior)
+        chosen = consistent_parameters(result, model, prior, empty)
         x, _ = _by_name(result, chosen.x, model, fit)
         told = chosen.from_prior
         notes.append(
             f"physically consistent parameters near the prior {chosen.prior!r}: {chosen.sigmas:.2g} standard deviations rms from "
             "the estimate"
         )
-    if urdf is not None and MJCF_SET in model.sets:
-        x, sigmas = without_links_between(result, model, x)
-        if sigmas:
-            notes.append(
-                f"links between the joints of one body lose their mass, {sigmas:.2g} standard deviations rms from before"
-            )
     return Source(model, x + load, (*model.notes, *notes, *about), told)
 
 

@@ -315,16 +315,20 @@ class Equations:
 
 def of_all_joints(robot: Robot) -> Robot:
     """Return the robot with smoothing and dead zones of all joints: those that follow have their leaders', times the factors."""
-    friction = robot.friction
-    widths = {
-        key: tuple(getattr(friction, key))
-        + tuple(
-            sum(abs(factor) * getattr(friction, key)[leader] for leader, factor in follower.leaders)
-            for follower in robot.geometry.followers
+    friction, followers = robot.friction, robot.geometry.followers
+
+    def widths(own: tuple[float, ...]) -> tuple[float, ...]:
+        more = (
+            sum(abs(factor) * own[leader] for leader, factor in follower.leaders) for follower in followers
         )
-        for key in ("smoothing", "dead_zone")
-    }
-    return replace(robot, friction=replace(friction, **widths))
+        return (*own, *more)
+
+    return replace(
+        robot,
+        friction=replace(
+            friction, smoothing=widths(friction.smoothing), dead_zone=widths(friction.dead_zone)
+        ),
+    )
 
 
 def remembering(robot: Robot) -> list[FrictionTerm]:
