@@ -20,6 +20,7 @@ from didim.export.source import exported_parameters
 from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Geometry, Robot
 from robots import make_robot, random_motion, random_parameters
+from test_couplings import coupled
 from test_export import saved_fit
 from test_friction_terms import motion
 from urdfs import random_tree
@@ -138,6 +139,30 @@ def test_trees(tmp_path: Path, seed: int) -> None:
     robot = didim.load_robot(path, tip="", snap=0.0)
     assert not robot.geometry.in_line
     check(tmp_path, robot, robot.parameter_set("urdf"), seed)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_joints_that_follow_others(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path = tmp_path / "tree.urdf"
+    path.write_text(coupled(rng, 3 + seed))
+    robot = didim.load_robot(path, tip="", snap=0.0)
+    n = robot.n_dof
+    assert n < robot.n_joints == 3 + seed
+    terms = (
+        (FrictionTerm(law="root", joint=0), FrictionTerm(law="spring", joint=n - 1)) if seed % 4 == 3 else ()
+    )
+    smooth = seed % 2 == 0
+    friction = replace(
+        robot.friction,
+        model="asymmetric" if seed % 4 == 1 else "symmetric",
+        coulomb="tanh" if smooth else "sign",
+        smoothing=tuple(rng.uniform(0.1, 0.3, n).tolist()) if smooth else (0.0,) * n,
+        dead_zone=tuple(rng.uniform(0.0, 0.2, n).tolist()),
+        terms=terms,
+    )
+    robot = replace(robot, friction=friction)
+    check(tmp_path, robot, random_parameters(rng, robot), seed)
 
 
 def random_geometry(rng: np.random.Generator, kinds: tuple[str, ...], coupling: Array) -> Geometry:

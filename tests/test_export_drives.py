@@ -114,11 +114,37 @@ def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
     path = written(tmp_path)
     with pytest.raises(FitError, match=r"two.xml: there is no joint 'plan'; did you mean 'pan'"):
         edit_mjcf(Drives((replace(PAN, joint="plan"),)), path)
-    start, end = ARM.index("  <worldbody>"), ARM.index("  <actuator>")
-    (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>{ARM[start:end]}</mujocoinclude>")
-    path.write_text(ARM[:start] + '<include file="bodies.xml"/>' + ARM[end:])
-    with pytest.raises(FitError, match="joint 'pan' is in an included file"):
-        edit_mjcf(BOTH, path)
+    start, end = ARM.index('    <body name="upper">'), ARM.index("  </worldbody>")
+    twice = f'<replicate count="2" sep="_">{ARM[start:end]}</replicate>'
+    path.write_text(ARM[:start] + twice + ARM[end:].replace('"pan"', '"pan_0"').replace('"lift"', '"lift_0"'))
+    with pytest.raises(FitError, match=r"two.xml: joint 'pan_0' has no element of its own, as a <replicate>"):
+        edit_mjcf(Drives((replace(PAN, joint="pan_0"),)), path)
+
+
+def test_an_included_file_that_changes_stands_in_its_place(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    whole, _ = edit_mjcf(BOTH, path)
+    start, end = ARM.index("<worldbody>"), ARM.index("  <actuator>")
+    (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>\n{ARM[start:end]}</mujocoinclude>\n")
+    (tmp_path / "default.xml").write_text("<mujoco><default/></mujoco>")
+    others = '<include file="default.xml"/>\n'
+    path.write_text(ARM[:start] + '<include file="bodies.xml"/>\n' + others + ARM[end:])
+    content, _ = edit_mjcf(BOTH, path)
+    assert content.decode().replace(others, "") == whole.decode()
+    assert others in content.decode()
+
+
+def test_a_damping_ratio_gives_way_to_the_gain(tmp_path: Path) -> None:
+    ratio = '<position name="p1" joint="pan" dampratio="1"'
+    text = ARM.replace('<position name="p1" joint="pan"', ratio).replace('kp="20" kv="0.5"', 'kp="20"')
+    content, _ = edit_mjcf(BOTH, written(tmp_path, text))
+    assert b"dampratio" not in content
+    model = mujoco.MjModel.from_xml_string(content.decode())
+    assert -model.actuator_biasprm[0, 2] == pytest.approx(0.5)
+    # One that the new armatures happen not to change is replaced too, as it would follow the next ones.
+    compiled = mujoco.MjModel.from_xml_string(text)
+    same = replace(PAN, rotor=0.01, kp=20.0, kv=-float(compiled.actuator_biasprm[0, 2]))
+    assert b"dampratio" not in edit_mjcf(Drives((same, replace(LIFT, rotor=0.01))), tmp_path / "two.xml")[0]
 
 
 # Steps.
@@ -207,46 +233,104 @@ def test_the_softness_of_mujocos_friction_is_told(tmp_path: Path) -> None:
 # Other simulators.
 
 
-def test_isaac_lab_and_mjlab() -> None:
-    late = Drives(tuple(replace(drive, delay_s=0.011) for drive in BOTH.joints), ("a note",))
-    for text, module, steps in (
-        (isaac_lab(late, 0.005), "isaaclab.actuators", 2),
-        (mjlab(late, 0.005), "mjlab.actuator", 2),
+def configured(text: str, module: str) -> list[tuple[str, dict[str, Any]]]:
+    """Run the lines of a configuration with stand-ins for its classes; return their names and arguments."""
+    made: list[tuple[str, dict[str, Any]]] = []
+    (names,) = re.findall(rf"from {module} import (.+)", text)
+
+    def stand_in(name: str) -> Any:
+        return lambda **options: made.append((name, options))
+
+    exec(
+        text.replace(f"from {module} import {names}", ""),
+        {name: stand_in(name) for name in names.split(", ")},
+    )
+    return made
+
+
+def test_isaac_lab_has_a_group_for_each_delay() -> None:
+    slide = replace(LIFT, joint="slide.1", viscous=0.4, coulomb=0.6)
+    late = Drives(
+        (replace(PAN, delay_s=0.011), replace(LIFT, delay_s=0.014), replace(slide, delay_s=0.009)),
+        ("a note",),
+    )
+    text = isaac_lab(late, 0.005)
+    assert "# a note" in text
+    (first, two), (second, three) = configured(text, "isaaclab.actuators")
+    assert first == second == "DelayedPDActuatorCfg"
+    assert two["joint_names_expr"] == ["pan", r"slide\.1"]  # patterns of whole names
+    assert three["joint_names_expr"] == ["lift"]
+    assert (two["min_delay"], two["max_delay"], three["min_delay"], three["max_delay"]) == (2, 2, 3, 3)
+    assert two["stiffness"] == {"pan": 18.0, r"slide\.1": 36.0}
+    assert two["damping"] == {"pan": 0.5, r"slide\.1": 1.0}
+    assert two["armature"] == {"pan": 0.03, r"slide\.1": 0.02}
+    # The limit of an explicit actuator's own law; effort_limit and effort_limit_sim are deprecated in Isaac Lab 3.
+    assert two["actuator_effort_limit"] == {"pan": 2.5}
+    assert not {"effort_limit", "effort_limit_sim", "actuator_effort_limit"} & set(three)
+    # Friction of both kinds is Coulomb's; the coefficient of the speed is another number of another unit.
+    for group, coulomb, viscous in (
+        (two, {"pan": 0.07, r"slide\.1": 0.6}, {"pan": 0.3, r"slide\.1": 0.4}),
+        (three, {"lift": 0.05}, {"lift": 0.25}),
     ):
-        made: list[dict[str, Any]] = []
+        assert group["friction"] == coulomb
+        assert group["dynamic_friction"] == coulomb
+        assert group["viscous_friction"] == viscous
+    # Commands that are not late need no buffer.
+    mixed = isaac_lab(Drives((PAN, replace(LIFT, delay_s=0.011))), 0.005)
+    names = [name for name, _ in configured(mixed, "isaaclab.actuators")]
+    assert names == ["IdealPDActuatorCfg", "DelayedPDActuatorCfg"]
+    assert set(re.findall(r'"(servos\w*)"', mixed)) == {"servos_0_steps_late", "servos_2_steps_late"}
+    ((name, options),) = configured(isaac_lab(BOTH), "isaaclab.actuators")
+    assert (name, "min_delay" in options) == ("IdealPDActuatorCfg", False)
 
-        def made_of(made: list[dict[str, Any]] = made, **options: Any) -> None:
-            made.append(options)
 
-        (name,) = re.findall(rf"from {module} import (\w+)", text)
-        exec(text.replace(f"from {module} import {name}", ""), {name: made_of})
-        assert "# a note" in text
-        options = made[0]
-        if module == "isaaclab.actuators":
-            assert name == "DelayedPDActuatorCfg"
-            assert options["joint_names_expr"] == ["pan", "lift"]
-            assert options["stiffness"] == {"pan": 18.0, "lift": 36.0}
-            assert options["effort_limit"] == {"pan": 2.5}
-            # Friction of both kinds is Coulomb's; the coefficient of the speed is another number of another unit.
-            assert options["friction"] == options["dynamic_friction"] == {"pan": 0.07, "lift": 0.05}
-            assert options["viscous_friction"] == {"pan": 0.3, "lift": 0.25}
-            assert (options["min_delay"], options["max_delay"]) == (steps, steps)
-        else:
-            assert [item["target_names_expr"] for item in made] == [("pan",), ("lift",)]
-            assert (options["armature"], options["frictionloss"], options["viscous_damping"]) == (
-                0.03,
-                0.07,
-                0.3,
-            )
-            assert options["delay_min_lag"] == steps
-    assert "DelayedPDActuatorCfg" not in isaac_lab(BOTH)
+def test_mjlab_takes_the_drives_as_mujoco_does() -> None:
+    late = Drives((replace(PAN, delay_s=0.011), LIFT), ("a note",))
+    text = mjlab(late, 0.005)
+    assert "# a note" in text
+    made = configured(text, "mjlab.actuator")
+    assert [name for name, _ in made] == ["BuiltinPositionActuatorCfg"] * 2
+    assert made[0][1] == {
+        "target_names_expr": ("pan",), "stiffness": 18.0, "damping": 0.5, "effort_limit": 2.5, "armature": 0.03,
+        "frictionloss": 0.07, "viscous_damping": 0.3, "delay_min_lag": 2, "delay_max_lag": 2,
+    }  # fmt: skip
+    assert not {"effort_limit", "delay_max_lag"} & set(made[1][1])
     with pytest.raises(FitError, match="no gains of joint 'pan'"):
         mjlab(Drives((replace(PAN, kp=None),)))
 
 
 def test_parameters_of_bam() -> None:
-    found = json.loads(bam(BOTH))
-    assert found["pan"] == {"model": "m1", "armature": 0.03, "friction_base": 0.07, "friction_viscous": 0.3}
+    keys = {"model": "m1", "armature": 0.03, "friction_base": 0.07, "friction_viscous": 0.3}
+    assert json.loads(bam(PAN)) == keys
+    assert json.loads(bam(PAN, "sts3215")) == {**keys, "actuator": "sts3215"}
+
+
+def test_bam_reads_its_parameters(tmp_path: Path) -> None:
+    models = pytest.importorskip("bam.model", reason="needs better-actuator-models")
+    (tmp_path / "pan.json").write_text(bam(PAN, "sts3215"))
+    found = models.load_model(str(tmp_path / "pan.json")).get_parameters()
+    assert [found[key].value for key in ("armature", "friction_base", "friction_viscous")] == [
+        0.03,
+        0.07,
+        0.3,
+    ]
+
+
+def test_bam_gets_a_file_for_each_joint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result(didim.load_robot(written(tmp_path))).save("fit.json")
+    assert main(["export", "fit.json", "--bam"]) == 2
+    assert "--bam writes 2 files, one for each joint: -o NAME.json" in capsys.readouterr().err
+    assert main(["export", "--bam", "fit.json", "-o", "arm.json"]) == 0
+    assert json.loads(Path("arm_lift.json").read_text())["friction_base"] == 0.05
+    assert main(["export", "fit.json", "--bam", "mx64", "-o", "arm.json"]) == 2
+    assert "arm_pan.json: the file is there already; --force overwrites it" in capsys.readouterr().err
+    assert main(["export", "fit.json", "--bam", "mx64", "-o", "arm.json", "--force"]) == 0
+    assert "arm_pan.json: written" in capsys.readouterr().out
+    assert json.loads(Path("arm_pan.json").read_text()) == json.loads(bam(PAN, "mx64"))
+    assert not Path("arm.json").exists()
 
 
 # Results.
@@ -310,7 +394,6 @@ def test_drives_of_a_result(tmp_path: Path) -> None:
         (("--mjcf", "two.xml", "--for-step", "0.002"), 'armature="0.0292"'),
         (("--isaac-lab", "--for-step", "0.005"), "min_delay=2"),
         (("--mjlab", "--for-step", "0.005"), "delay_max_lag=3"),
-        (("--bam",), '"friction_base": 0.07'),
         (("--urdf", "two.urdf"), '<dynamics damping="0.3" friction="0.07"/>'),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from didim.export.code.latex import symbolic_model
 from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Robot
 from robots import make_robot, random_motion, random_parameters
+from test_couplings import COUPLED
 from test_export_c import random_geometry, worst
 
 sympy = pytest.importorskip("sympy")
@@ -53,6 +55,15 @@ def test_formulas_equal_the_core() -> None:
     # Dead zones that some of the ten speeds are within.
     check(replace(plain, friction=replace(smooth, dead_zone=(0.5, 0.9))), 3)
     check(replace(plain, friction=replace(plain.friction, dead_zone=(0.9, 0.5))), 3)
+
+
+@pytest.mark.slow
+def test_formulas_of_joints_that_follow_others(tmp_path: Path) -> None:
+    path = tmp_path / "slide.toml"
+    path.write_text(COUPLED)
+    robot = didim.load_robot(path)
+    assert (robot.n_dof, robot.n_joints) == (2, 3)
+    check(replace(robot, friction=replace(robot.friction, coulomb="tanh", smoothing=(0.2, 0.3))), 3)
 
 
 def test_a_dead_zone_is_written() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -78,17 +79,43 @@ def _add_forms(form: Options) -> None:
     add_option(
         form,
         "--mjcf ROBOT.xml",
-        "write MJCF, the format of MuJoCo; with a file, only change its drives",
+        "write MJCF, the format of MuJoCo; with a file, change its inertias and drives (of a result on positions: its drives)",
         Path,
         nargs="?",
         const=NEW,
     )
     add_flag(form, "--isaac-lab", "write the actuators of an Isaac Lab articulation")
     add_flag(form, "--mjlab", "write the actuators of an mjlab entity")
-    add_flag(form, "--bam", "write parameters of BAM's friction model M1 as JSON")
+    add_option(
+        form,
+        "--bam ACTUATOR",
+        "parameters of BAM's friction model M1, a JSON for each joint, for load_model with BAM's name of the actuator",
+        nargs="?",
+        const="",
+    )
     add_flag(form, "--sdf", "write SDF, the format of Gazebo and Drake")
     add_flag(form, "--c", "write a C99 header: torques, M(q) and gravity")
     add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
+
+
+def _wrong(options: argparse.Namespace) -> str | None:
+    """Return what is wrong with options together; a result behind --mjcf or --bam is the result."""
+    if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
+        options.fit, options.mjcf = options.mjcf, NEW
+    if (options.bam or "").endswith(".json") and options.fit is None:
+        options.fit, options.bam = Path(options.bam), ""
+    if options.prefix is not None and not options.c:
+        return "--prefix is for --c"
+    if options.smoothing is not None and not options.c:
+        return "--smoothing is for --c"
+    if options.payload is not None and options.fit is None:
+        return "--payload is for a result, FIT.json, which has payloads"
+    if options.keep_lumped and options.urdf is None:
+        return "--keep-lumped is for --urdf"
+    steps = options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab
+    if options.for_step is not None and not (steps and 0.0 < options.for_step <= 1.0):
+        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
+    return None
 
 
 def run(options: argparse.Namespace) -> int:
@@ -96,41 +123,36 @@ def run(options: argparse.Namespace) -> int:
     from ..export.code.c_header import to_c
     from ..export.code.latex import to_latex
     from ..export.source import exported_parameters
-    from ..export.write import export
+    from ..export.write import export, into_mjcf
     from ..robot.robot_file import load_robot
 
-    if options.prefix is not None and not options.c:
-        return refuse("--prefix is for --c")
-    if options.smoothing is not None and not options.c:
-        return refuse("--smoothing is for --c")
-    if options.payload is not None and options.fit is None and options.mjcf is None:
-        return refuse("--payload is for a result, FIT.json, which has payloads")
-    if options.keep_lumped and options.urdf is None:
-        return refuse("--keep-lumped is for --urdf")
-    if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
-        options.fit, options.mjcf = options.mjcf, NEW
-    of_drives = options.isaac_lab or options.mjlab or options.bam or options.mjcf not in (None, NEW)
-    if options.for_step is not None and (not of_drives or options.bam or not 0.0 < options.for_step <= 1.0):
-        return refuse(
-            "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
-        )
+    if wrong := _wrong(options):
+        return refuse(wrong)
+    into = None if options.mjcf == NEW else options.mjcf
+    simulators = options.isaac_lab or options.mjlab
     refuse_existing(options.output, force=options.force)
     check_outputs(options.output)
     if options.latex and options.fit is None and options.parameters is None and options.robot is not None:
         return _written(options.output, to_latex(load_robot(options.robot)).encode())
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
-    if of_drives or (options.urdf is not None and options.fit is not None and _has_servos(options.fit)):
+    servos = (into or options.urdf) and options.fit is not None and _has_servos(options.fit)
+    if options.bam is not None:
+        return _bam(options)
+    if simulators or servos:
         return _drives(options)
     source = exported_parameters(
         fit=options.fit,
         parameters=options.parameters,
         robot=options.robot,
-        urdf=options.urdf,
+        urdf=into or options.urdf,
         prior=options.prior,
         further_terms=options.c or options.latex,
         payload=options.payload,
     )
+    if into:
+        content, told, notes = into_mjcf(into, source, options.fit, options.for_step)
+        return _written(options.output, content, told, notes)
     if options.c or options.latex:
         text = (
             to_c(source.robot, source.x, prefix=options.prefix, smoothing=options.smoothing)
@@ -158,30 +180,52 @@ def _has_servos(fit: Path) -> bool:
 
 def _drives(options: argparse.Namespace) -> int:
     """Write the drives of a result for a simulator."""
-    from ..export.configuration import bam, isaac_lab, mjlab
+    from ..export.configuration import isaac_lab, mjlab
     from ..export.drives import for_step, read_drives
-    from ..export.mjcf_edit import edit_mjcf
     from ..export.urdf import edit_dynamics
+    from ..export.write import into_mjcf
 
     if options.payload is not None:
         return refuse("--payload is for forms with links: a URDF, MJCF, SDF or C of a result on torques")
     if options.fit is None:
         return refuse("drives are exported of a result, FIT.json, and not of --parameters")
-    drives, step = read_drives(options.fit), options.for_step
-    if options.bam or options.urdf is not None or options.mjlab or options.isaac_lab:
-        drives = drives.without_springs()
-    if options.bam:
-        content = bam(drives).encode()
-    elif options.urdf is not None:
+    if options.mjcf is not None:
+        return _written(options.output, *into_mjcf(options.mjcf, None, options.fit, options.for_step))
+    drives, step = read_drives(options.fit).without_springs(), options.for_step
+    if options.urdf is not None:
         content = edit_dynamics(drives, options.urdf)
     elif options.mjlab:
         drives = drives if step is None else for_step(drives, step, "implicitfast")
         content = mjlab(drives, step).encode()
-    elif options.isaac_lab:
-        content = isaac_lab(drives, step).encode()
     else:
-        content, drives = edit_mjcf(drives, options.mjcf, step_s=step)
+        content = isaac_lab(drives, step).encode()
     return _written(options.output, content, f"{drives}")
+
+
+def _bam(options: argparse.Namespace) -> int:
+    """Write the parameters of each joint for BAM: of several joints to files with their names."""
+    from ..export.configuration import bam
+    from ..export.drives import read_drives
+
+    if options.fit is None or options.payload is not None:
+        return refuse("--bam is for a result, FIT.json, and for joints without payloads")
+    drives = read_drives(options.fit).without_springs()
+    contents = {drive.joint: bam(drive, options.bam).encode() for drive in drives.every}
+    if len(contents) == 1:
+        return _written(options.output, next(iter(contents.values())), f"{drives}")
+    if options.output is None:
+        return refuse(
+            f"--bam writes {len(contents)} files, one for each joint: -o NAME.json, where NAME_JOINT.json are written"
+        )
+    saved, paths = Saved(), []
+    for joint in contents:
+        name = f"{options.output.stem}_{re.sub(r'[^A-Za-z0-9_.-]', '_', joint)}{options.output.suffix}"
+        paths.append(options.output.with_name(name))
+        refuse_existing(paths[-1], force=options.force)
+    check_outputs(*paths)
+    for path, content in zip(paths, contents.values(), strict=True):
+        saved.write(path, content)
+    return saved.end(f"{drives}")
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:

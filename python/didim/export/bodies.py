@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,6 +110,8 @@ class ExportModel:
         From the base outwards; those of coupled joints last.
     outwards : tuple of int
         Links branch by branch, each after its antecedent.
+    lock : mapping of str to float
+        Positions of locked joints of the description (rad or m).
     motors : tuple of CoupledMotor
         Motors that turn with several joints.
     left_out : tuple of str
@@ -122,6 +125,34 @@ class ExportModel:
     motors: tuple[CoupledMotor, ...]
     left_out: tuple[str, ...]
     outwards: tuple[int, ...]
+    lock: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def frames(self) -> dict[int | None, Array]:
+        """Frames (4, 4) of the links in the base at position zero, by number."""
+        frames: dict[int | None, Array] = {None: np.eye(4)}
+        for j in self.outwards:
+            frames[j] = frames[self.links[j].parent] @ self.links[j].pose
+        return frames
+
+    def between(self) -> dict[int, int]:
+        """Return the links between the joints of one body, which have no mass, each with the only one that it carries.
+
+        Raises
+        ------
+        FitError
+            When a link without mass carries several others.
+        """
+        found = {}
+        for j, link in enumerate(self.links):
+            if not link.pseudo.any():
+                carried = [k for k, other in enumerate(self.links) if other.parent == j]
+                if len(carried) != 1:
+                    raise FitError(
+                        f"link {link.link!r} has no mass and carries {len(carried)} links: no joints of one body"
+                    )
+                found[j] = carried[0]
+        return found
 
     def own_share(self, key: str) -> Array:
         """Return the ``rotor``, ``viscous`` or ``coulomb`` of each joint without the shares of coupled motors.
@@ -186,6 +217,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     pseudos = pseudo_inertias(robot, vector)
     places = robot.correspondence
     n = robot.n_joints
+    carrying = set(robot.geometry.parents)
     links = [link.link for link in places.links] if places else [f"link{j + 1}" for j in range(n)]
     joints = robot.all_joint_names or tuple(f"joint{j + 1}" for j in range(n))
     offsets = [link.matrix for link in places.links] if places else [np.eye(4)] * n
@@ -196,7 +228,8 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         before, step = base if parent is None else offsets[parent], geometry.placement(j)
         inside = inverse(offsets[j])
         pseudo = inside @ pseudos[j] @ inside.T
-        _check_body(links[j], pseudo)
+        if pseudo.any() or j not in carrying:  # the links between the joints of one body have no mass
+            _check_body(links[j], pseudo)
         viscous, coulomb, left = joint_friction(values, j, robot.friction.terms, geometry.kinds[j])
         missed.append(left)
         stiffness = values.get(f"Ks{j + 1}", 0.0)
@@ -227,6 +260,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         motors=tuple(_motors(robot, values)),
         left_out=tuple(_left_out(robot, values, joints, missed)),
         outwards=geometry.outwards,
+        lock=dict(places.lock) if places else {},
     )
 
 

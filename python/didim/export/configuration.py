@@ -6,6 +6,7 @@ Tested in ``tests/test_export_drives.py``.
 from __future__ import annotations
 
 import json
+import re
 
 from ..errors import FitError
 from .drives import Drives, JointDrive
@@ -13,7 +14,7 @@ from .numbers import number
 
 
 def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
-    """Return the actuators of an ``ArticulationCfg``: dictionaries by joint, and delays in steps of the physics.
+    """Return the actuators of an ``ArticulationCfg``, a group for each delay, which is in steps of the physics.
 
     Parameters
     ----------
@@ -27,37 +28,44 @@ def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
     FitError
         When the result has no gains.
     """
-    joints = _with_gains(drives)
-    steps = [_steps(drive, step_s) for drive in joints]
-    late = bool(max(steps))
-    kind = "DelayedPDActuatorCfg" if late else "IdealPDActuatorCfg"
+    groups: dict[int, list[JointDrive]] = {}
+    for drive in _with_gains(drives):
+        groups.setdefault(_steps(drive, step_s), []).append(drive)
+    kinds = {late: "DelayedPDActuatorCfg" if late else "IdealPDActuatorCfg" for late in sorted(groups)}
     lines = [
-        "# Written by didim. In your ArticulationCfg: actuators=ACTUATORS",
+        "# Written by didim for Isaac Lab 3. In your ArticulationCfg: actuators=ACTUATORS",
+        "# Isaac Lab 2 calls actuator_effort_limit effort_limit.",
         *_comments(drives),
-        f"from isaaclab.actuators import {kind}",
+        f"from isaaclab.actuators import {', '.join(dict.fromkeys(kinds.values()))}",
         "",
         "ACTUATORS = {",
-        f'    "servos": {kind}(',
-        f"        joint_names_expr={json.dumps([drive.joint for drive in joints])},",
     ]
-    tables: dict[str, dict[str, float | None]] = {
-        "stiffness": {drive.joint: drive.kp for drive in joints},
-        "damping": {drive.joint: drive.kv or 0.0 for drive in joints},
-        "effort_limit": {drive.joint: drive.effort for drive in joints if drive.effort is not None},
-        "armature": {drive.joint: drive.rotor for drive in joints},
-        "friction": {drive.joint: drive.coulomb for drive in joints},
-        "dynamic_friction": {drive.joint: drive.coulomb for drive in joints},
-        "viscous_friction": {drive.joint: drive.viscous for drive in joints},
-    }
-    for key, values in tables.items():
-        if values:
+    for late, kind in kinds.items():
+        joints = groups[late]
+        name = "servos" if len(groups) == 1 else f"servos_{late}_steps_late"
+        tables: dict[str, dict[str, float | None]] = {
+            "stiffness": {drive.joint: drive.kp for drive in joints},
+            "damping": {drive.joint: drive.kv or 0.0 for drive in joints},
+            "actuator_effort_limit": {
+                drive.joint: drive.effort for drive in joints if drive.effort is not None
+            },
+            "armature": {drive.joint: drive.rotor for drive in joints},
+            "friction": {drive.joint: drive.coulomb for drive in joints},
+            "dynamic_friction": {drive.joint: drive.coulomb for drive in joints},
+            "viscous_friction": {drive.joint: drive.viscous for drive in joints},
+        }
+        lines += [
+            f'    "{name}": {kind}(',
+            f"        joint_names_expr={json.dumps([re.escape(drive.joint) for drive in joints])},",
+        ]
+        for key, values in tables.items():
             inside = ", ".join(
-                f"{json.dumps(joint)}: {number(value or 0.0)}" for joint, value in values.items()
+                f"{json.dumps(re.escape(joint))}: {number(value or 0.0)}" for joint, value in values.items()
             )
-            lines.append(f"        {key}={{{inside}}},")
-    if late:
-        lines += [f"        min_delay={min(steps)},", f"        max_delay={max(steps)},"]
-    return "\n".join([*lines, "    ),", "}"]) + "\n"
+            lines += [f"        {key}={{{inside}}},"] if values else []
+        lines += [f"        min_delay={late},", f"        max_delay={late},"] if late else []
+        lines.append("    ),")
+    return "\n".join([*lines, "}"]) + "\n"
 
 
 def mjlab(drives: Drives, step_s: float | None = None) -> str:
@@ -80,7 +88,7 @@ def mjlab(drives: Drives, step_s: float | None = None) -> str:
         }
         lines += [
             "    BuiltinPositionActuatorCfg(",
-            f"        target_names_expr=({json.dumps(drive.joint)},),",
+            f"        target_names_expr=({json.dumps(re.escape(drive.joint))},),",
         ]
         lines += [f"        {key}={number(value)}," for key, value in values.items() if value is not None]
         if steps := _steps(drive, step_s):
@@ -89,18 +97,19 @@ def mjlab(drives: Drives, step_s: float | None = None) -> str:
     return "\n".join([*lines, ")"]) + "\n"
 
 
-def bam(drives: Drives) -> str:
-    """Return parameters of BAM's model M1 by joint, without the motor constants kt and R."""
-    model = {
-        drive.joint: {
-            "model": "m1",
-            "armature": drive.rotor,
-            "friction_base": drive.coulomb,
-            "friction_viscous": drive.viscous,
-        }
-        for drive in drives.joints
+def bam(drive: JointDrive, actuator: str | None = None) -> str:
+    """Return the parameters of a joint for BAM's model M1, without the motor constants kt and R.
+
+    BAM's ``load_parameters`` reads them into a model, and ``load_model`` makes one where BAM's name of the actuator is there.
+    """
+    keys = {
+        "model": "m1",
+        **({"actuator": actuator} if actuator else {}),
+        "armature": drive.rotor,
+        "friction_base": drive.coulomb,
+        "friction_viscous": drive.viscous,
     }
-    return json.dumps(model, indent=2) + "\n"
+    return json.dumps(keys, indent=2) + "\n"
 
 
 def _with_gains(drives: Drives) -> list[JointDrive]:

@@ -16,7 +16,7 @@ from ..errors import FitError
 from ..experiment.unknown import SOFT
 from ..result.identification import Identification
 from ..robot.friction import Friction
-from .bodies import WORDS, joint_friction, lost_friction
+from .bodies import WORDS, ExportModel, joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
@@ -207,6 +207,25 @@ def drives_of(fit: Identification, where: str) -> Drives:
         )
     driven, followers = tuple(drives[:n]), tuple(drives[n:])
     return Drives(driven, (*lost_friction(values, terms, missed), *_sentences(driven)), followers)
+
+
+def drives_of_links(model: ExportModel) -> Drives:
+    """Return the drives of a robot arranged for a file, without what motors of several joints add to those of each, (24)."""
+    own = zip(*(model.own_share(key).tolist() for key in ("rotor", "viscous", "coulomb")), strict=True)
+    drives = [
+        JointDrive(
+            joint=link.joint,
+            kind=link.kind,
+            rotor=rotor,
+            viscous=viscous,
+            coulomb=coulomb,
+            stiffness=link.stiffness,
+            rest=link.rest,
+        )
+        for link, (rotor, viscous, coulomb) in zip(model.links, own, strict=True)
+    ]
+    n = sum(link.follower is None for link in model.links)
+    return Drives(tuple(drives[:n]), model.left_out, tuple(drives[n:]))
 
 
 def _sentences(joints: Sequence[JointDrive]) -> list[str]:

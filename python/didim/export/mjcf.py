@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ..robot.rigid_body import central, quaternion
+from .._tools.arrays import Array
+from ..robot.rigid_body import central, inverse, quaternion
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
 from .numbers import attributes, number, numbers
@@ -58,14 +60,31 @@ def mjcf_text(model: ExportModel) -> str:
         lines.append(f"{indent}<body name={quoteattr(model.base)}>")
         indent += "  "
     open_bodies: list[int] = []
+    between, frames = model.between(), model.frames
+    before: list[int] = []
     for j in model.outwards:
-        link = model.links[j]
-        while open_bodies and open_bodies[-1] != link.parent:
+        before.append(j)
+        if j in between:
+            continue
+        parent = model.links[before[0]].parent
+        while open_bodies and open_bodies[-1] != parent:
             open_bodies.pop()
             lines.append(f"{indent}{'  ' * len(open_bodies)}</body>")
         inner = indent + "  " * len(open_bodies)
-        lines += [inner + line for line in _body(link, rotor[j], viscous[j], coulomb[j])]
+        joints = [
+            _joint(
+                model.links[k],
+                np.eye(4) if k == j else inverse(frames[j]) @ frames[k],
+                rotor[k],
+                viscous[k],
+                coulomb[k],
+            )
+            for k in before
+        ]
+        pose = inverse(frames[parent]) @ frames[j] if before[:-1] else model.links[j].pose
+        lines += [inner + line for line in _body(model.links[j], pose, joints)]
         open_bodies.append(j)
+        before.clear()
     lines += [f"{indent}{'  ' * depth}</body>" for depth in reversed(range(len(open_bodies)))]
     if own_base:
         lines.append("    </body>")
@@ -82,23 +101,24 @@ def mjcf_text(model: ExportModel) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _body(link: LinkBody, rotor: float, viscous: float, coulomb: float) -> list[str]:
+def _joint(link: LinkBody, frame: Array, rotor: float, viscous: float, coulomb: float) -> str:
+    """Return a joint, whose link has a frame in the body."""
+    own = f' name={quoteattr(link.joint)} type="{"slide" if link.kind == "prismatic" else "hinge"}"'
+    if frame[:3, 3].any():
+        own += f' pos="{numbers(frame[:3, 3])}"'
+    own += f' axis="{numbers(frame[:3, :3] @ link.axis)}"'
+    if link.limits.position is not None:
+        own += f' range="{numbers(link.limits.position)}"'
+    return f"  <joint{own}{_drive(rotor, viscous, coulomb, stiffness=link.stiffness, springref=link.rest)}/>"
+
+
+def _body(link: LinkBody, pose: Array, joints: list[str]) -> list[str]:
     mass, centre, inertia = central(link.pseudo)
     entries = [inertia[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    joint = {
-        "name": quoteattr(link.joint),
-        "type": '"slide"' if link.kind == "prismatic" else '"hinge"',
-        "axis": f'"{numbers(link.axis)}"',
-    }
-    if link.limits.position is not None:
-        joint["range"] = f'"{numbers(link.limits.position)}"'
-    spring = {"stiffness": link.stiffness, "springref": link.rest}
-    drive = _drive(rotor, viscous, coulomb, **spring)
-    own = " ".join(f"{key}={value}" for key, value in joint.items())
     return [
-        f'<body name={quoteattr(link.link)} pos="{numbers(link.pose[:3, 3])}" '
-        f'quat="{numbers(quaternion(link.pose[:3, :3]))}">',
-        f"  <joint {own}{drive}/>",
+        f'<body name={quoteattr(link.link)} pos="{numbers(pose[:3, 3])}" '
+        f'quat="{numbers(quaternion(pose[:3, :3]))}">',
+        *joints,
         f'  <inertial pos="{numbers(centre)}" mass="{number(mass)}" fullinertia="{numbers(entries)}"/>',
     ]
 

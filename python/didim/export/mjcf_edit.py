@@ -1,46 +1,59 @@
-"""Drives of a result in the user's MJCF: attributes of joints and actuators; no other byte changes.
+"""A result in the user's MJCF: attributes of joints, tendons and actuators, and ``<inertial>``; no other byte changes.
 
 A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, and ``solreffriction`` and
 ``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv`` and
 ``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. The
-spring of a coupled joint is part of its leader's, so its own element loses it. Tested in ``tests/test_export_drives.py``,
-in ``tests/test_softness.py`` and in ``tests/test_couplings.py``.
+spring of a coupled joint is part of its leader's, so its own element loses it. What tendons of one joint add stays theirs. A body
+gets mass, centre and inertia of all that moves with it, less those of the bodies fixed to it, which keep theirs if they can. An
+included file that changes stands in the place of its include. Tested in ``tests/test_export_drives.py``,
+``tests/test_export_links.py``, ``tests/test_softness.py`` and ``tests/test_couplings.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.inputs import read_small_file
 from .._tools.words import listing
 from ..errors import FitError
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
 from ..robot.transmission import LARGEST_IMPEDANCE
-from ..robot.urdf.drive_elements import DriveElements, drive_elements
+from ..robot.urdf.chain import WHOLE, Chain, choose_chain
+from ..robot.urdf.mechanism import MOVING
 from ..robot.urdf.mjcf import LEAST_IMPEDANCE
+from ..robot.urdf.mjcf_elements import MjcfElements, mjcf_elements
 from ..robot.urdf.reading import MJCF_SET
-from .drives import Drives, JointDrive, for_step
+from ..robot.urdf.tendons import POWERS, Shares, shares_of
+from ..robot.urdf.xml_spans import Edit, attribute_edit, edited
+from .bodies import WORDS, CoupledMotor, ExportModel
+from .drives import Drives, JointDrive, drives_of_links, for_step
+from .mjcf_links import SAME, link_edits, misfit
 from .numbers import number, numbers
-from .urdf import Edit, attribute_edit, edited
 
-SAME = 1e-9
-"""Largest relative difference of two equal values: the file then keeps its digits."""
+DRIVE = ("rotor", "viscous", "coulomb")
+"""Fields of a drive that tendons have too."""
 
 
-def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tuple[bytes, Drives]:
-    """Write drives into an MJCF.
+def why_other(path: Path, links: ExportModel) -> str | None:
+    """Return why a robot is another mechanism than that of an MJCF, as the end of a sentence, or None if it is the same."""
+    return misfit(*_chain(mjcf_elements(path, FitError), [link.joint for link in links.links], links), links)
+
+
+def edit_mjcf(
+    result: Drives | ExportModel, path: Path, *, step_s: float | None = None
+) -> tuple[bytes, Drives]:
+    """Write drives, or links with their drives, into an MJCF.
 
     Parameters
     ----------
-    drives : Drives
-        Drives of a result.
+    result : Drives or ExportModel
+        Drives of a result, or the robot of the file, see `why_other`, with links and drives.
     path : Path
         The MJCF; joints are matched by name.
     step_s : float, optional
@@ -54,22 +67,17 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
     Raises
     ------
     FitError
-        When a joint is not in the file, or its element is in an included one.
+        When a joint or body is not in the file or has no element of its own, a drive is less than the share of tendons in it, or
+        a link is not a body.
     RobotError
         When the file cannot be read.
     """
-    data = read_small_file(path, FitError)
-    elements = drive_elements(data, path)
+    elements = mjcf_elements(path, FitError)
+    links = result if isinstance(result, ExportModel) else None
+    drives = drives_of_links(result) if isinstance(result, ExportModel) else result
     drives.check_joints(elements.joints, path.name)
-    for drive in drives.every:
-        if drive.joint not in elements.elements:
-            raise FitError(f"{path.name}: joint {drive.joint!r} is in an included file; export into that one")
-    motors = [
-        drive.joint
-        for drive in drives.joints
-        if drive.kp is not None
-        and (drive.joint not in elements.settings or not elements.settings[drive.joint][1].is_position)
-    ]
+    chain, shares = _chain(elements, [drive.joint for drive in drives.every], links)
+    motors = _motors(elements, drives)
     if step_s is not None:
         drives = for_step(drives, step_s, elements.integrator, explicit_kv=bool(motors))
     sentences = list(drives.sentences)
@@ -79,14 +87,93 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
         )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
+    if links is not None:
+        edits, told = link_edits(elements, chain, links)
+        sentences += told
+        for motor in links.motors:
+            edits += _tendon_edits(elements, shares, motor)
     for drive in drives.every:
-        edits += _joint_edits(data, elements, drive)
+        edits += _joint_edits(elements, _alone(drive, elements, chain, motors=links is None))
         if drive.joint in elements.settings and drive.kp is not None:
-            edits += _actuator_edits(data, elements, drive)
-    return edited(data, edits), replace(drives, sentences=tuple(sentences))
+            edits += _actuator_edits(elements, drive)
+    content = edited(elements.outermost, edits)
+    return content, replace(drives, sentences=tuple(sentences))
 
 
-def _joint_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> list[Edit]:
+def _motors(elements: MjcfElements, drives: Drives) -> list[str]:
+    """Return joints with gains in the result, and without a position actuator in the file; all joints need elements."""
+    where = elements.description.where
+    for drive in drives.every:
+        if drive.joint not in elements.elements:
+            raise FitError(
+                f"{where}: joint {drive.joint!r} has no element of its own, as a <replicate> or <attach> made it"
+            )
+    return [
+        drive.joint
+        for drive in drives.joints
+        if drive.kp is not None
+        and (drive.joint not in elements.settings or not elements.settings[drive.joint][1].is_position)
+    ]
+
+
+def _chain(
+    elements: MjcfElements, joints: Collection[str], links: ExportModel | None
+) -> tuple[Chain, Shares]:
+    """Return the chain of a file with these joints, the others locked where those of the links were, and shares of tendons."""
+    description, lock = elements.description, {} if links is None else links.lock
+    base = None if links is None or links.base not in description.links else links.base
+    others = {
+        joint.name: lock.get(joint.name, 0.0)
+        for joint in description.joints.values()
+        if joint.kind in MOVING and joint.name not in joints
+    }
+    chain = choose_chain(description, base=base, tip=WHOLE, lock=others).numbered()
+    return chain, shares_of(chain, description.tendons)
+
+
+def _alone(drive: JointDrive, elements: MjcfElements, chain: Chain, *, motors: bool) -> JointDrive:
+    """Return a drive without what tendons of the file add to it: those of one joint, and with `motors` those of several."""
+    names = [joint.name for joint in chain.driven]
+    if drive.joint not in names:
+        return drive
+    j, shares = names.index(drive.joint), shares_of(chain, elements.description.tendons)
+    taken = shares.drives[:, j].copy()
+    for motor, share in shares.motors.items() if motors else ():
+        taken += share * np.power(np.abs(shares.coupling[motor, j]), (2, 2, np.inf))
+    left = dict(zip(DRIVE, np.array([getattr(drive, key) for key in DRIVE]) - taken, strict=True))
+    for key, value in left.items():
+        if value < -SAME * getattr(drive, key):
+            raise FitError(
+                f"{WORDS[key]} of joint {drive.joint!r} without that of its tendons is {value:.4g}; make theirs smaller"
+            )
+    own, all_springs = (shares_of(chain, tendons).springs for tendons in ((), elements.description.tendons))
+    more = np.subtract(all_springs.get(j, (0.0, 0.0)), own.get(j, (0.0, 0.0)))
+    stiffness = drive.stiffness - float(more[0]) if drive.stiffness else 0.0
+    rest = (drive.stiffness * drive.rest + float(more[1])) / stiffness if stiffness > 0.0 else 0.0
+    return replace(
+        drive, stiffness=max(stiffness, 0.0), rest=rest, **{k: max(v, 0.0) for k, v in left.items()}
+    )
+
+
+def _tendon_edits(elements: MjcfElements, shares: Shares, motor: CoupledMotor) -> list[Edit]:
+    """Return the changes of the tendon that is a motor of several joints."""
+    name, arm = shares.sources[motor.number]
+    if name not in elements.tendons:
+        raise FitError(
+            f"{elements.description.where}: {name!r} turns several joints, and is no tendon with an element of its own"
+        )
+    values = dict(
+        zip(("armature", "damping", "frictionloss"), (getattr(motor, key) for key in DRIVE), strict=True)
+    )
+    old = dict(zip(values, shares.motors[motor.number], strict=True))
+    return [
+        attribute_edit(elements.tendons[name], key, number(value / arm**power))
+        for (key, value), power in zip(values.items(), POWERS, strict=True)
+        if not _same(old[key], value)
+    ]
+
+
+def _joint_edits(elements: MjcfElements, drive: JointDrive) -> list[Edit]:
     old = elements.joints[drive.joint]
     values = {"armature": (old.armature, drive.rotor), "damping": (old.damping, drive.viscous)}
     values |= {"frictionloss": (old.friction, drive.coulomb), "stiffness": (old.stiffness, drive.stiffness)}
@@ -95,7 +182,7 @@ def _joint_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> lis
         values["springref"] = (elements.written(old.rest, turns), elements.written(drive.rest, turns))
     element = elements.elements[drive.joint]
     edits = [
-        attribute_edit(data, element, key, number(new))
+        attribute_edit(element, key, number(new))
         for key, (before, new) in values.items()
         if not _same(before, new)
     ]
@@ -104,31 +191,34 @@ def _joint_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> lis
         creep, rest = new
         least = min(max(rest / (rest + creep), LEAST_IMPEDANCE), 1.0 - LEAST_IMPEDANCE)
         edits += [
-            attribute_edit(data, element, "solreffriction", numbers([2.0 * rest / LARGEST_IMPEDANCE, 1.0])),
-            attribute_edit(data, element, "solimpfriction", numbers([least, LARGEST_IMPEDANCE])),
+            attribute_edit(element, "solreffriction", numbers([2.0 * rest / LARGEST_IMPEDANCE, 1.0])),
+            attribute_edit(element, "solimpfriction", numbers([least, LARGEST_IMPEDANCE])),
         ]
     return edits
 
 
-def _actuator_edits(data: bytes, elements: DriveElements, drive: JointDrive) -> list[Edit]:
+def _actuator_edits(elements: MjcfElements, drive: JointDrive) -> list[Edit]:
     element, setting = elements.settings[drive.joint]
     if not setting.is_position or drive.kp is None:
         return []
-    old = elements.actuators[drive.joint]
+    old = elements.joints[drive.joint].actuator
+    assert old is not None
     kp, kv = drive.kp / setting.gear**2, (drive.kv or 0.0) / setting.gear**2
     edits = []
-    same_kp, same_kv = _same(old.kp or 0.0, drive.kp), _same(old.kv or 0.0, drive.kv or 0.0)
+    same_kp = _same(old.kp or 0.0, drive.kp)
+    # MuJoCo would compute the gain anew of a damping ratio and the new inertias.
+    same_kv = _same(old.kv or 0.0, drive.kv or 0.0) and not setting.ratio
     if setting.tag == "position":
-        edits += [] if same_kp else [attribute_edit(data, element, "kp", number(kp))]
-        edits += [] if same_kv else [attribute_edit(data, element, "kv", number(kv))]
+        edits += [] if same_kp else [attribute_edit(element, "kp", number(kp))]
+        edits += [] if same_kv else [attribute_edit(element, "kv", number(kv), "dampratio")]
     elif not (same_kp and same_kv):
         edits += [
-            attribute_edit(data, element, "gainprm", number(kp)),
-            attribute_edit(data, element, "biasprm", numbers([0.0, -kp, -kv])),
+            attribute_edit(element, "gainprm", number(kp)),
+            attribute_edit(element, "biasprm", numbers([0.0, -kp, -kv])),
         ]
     if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
         force = drive.effort / setting.gear
-        edits.append(attribute_edit(data, element, "forcerange", numbers([-force, force])))
+        edits.append(attribute_edit(element, "forcerange", numbers([-force, force])))
     return edits
 
 
@@ -136,7 +226,7 @@ def _same(before: float, new: float) -> bool:
     return abs(before - new) <= SAME * max(abs(before), abs(new))
 
 
-def softness(drives: Drives, path: Path, elements: DriveElements, step_s: float) -> list[str]:
+def softness(drives: Drives, path: Path, elements: MjcfElements, step_s: float) -> list[str]:
     """Return a sentence that compares the speed below which MuJoCo's friction loss is viscous with the result's smoothing.
 
     ``frictionloss`` is a soft constraint: below ``Fc A (1 - d) / d dmax timeconst / 2``, A the joint's own entry of the inverse

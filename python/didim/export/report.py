@@ -99,11 +99,11 @@ def compare_links(
     """
     changes = []
     for number, (link, old) in enumerate(zip(model.links, before, strict=True)):
-        mass, centre, inertia = central(link.pseudo)
         prior = tuple((from_prior or {}).get(number, ()))
-        if old is None or not old[3, 3] > 0.0:
-            changes.append(LinkChange(link.link, mass, None, None, None, prior))
+        if old is None or not (old[3, 3] > 0.0 and link.pseudo[3, 3] > 0.0):
+            changes.append(LinkChange(link.link, float(link.pseudo[3, 3]), None, None, None, prior))
             continue
+        mass, centre, inertia = central(link.pseudo)
         mass_before, centre_before, inertia_before = central(old)
         size = float(np.linalg.norm(inertia_before))
         change = float(np.linalg.norm(inertia - inertia_before)) / size if size > 0.0 else math.inf

@@ -6,20 +6,25 @@ inertias and coupled motors. Tested in ``tests/test_export_sdf.py``, which reads
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.sax.saxutils import escape, quoteattr
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.words import series
-from ..robot.rigid_body import central, roll_pitch_yaw
+from ..robot.rigid_body import central, inverse, roll_pitch_yaw
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
 from .numbers import moments, number, numbers
 
 VERSION = "1.6"
 """SDF version of the output: in every version the poses of links are given in the frame of the model."""
+
+
+SHARE = 1e-9
+"""Share of a body's inertia that each link between its joints gets at position zero: readers of SDF refuse links without mass, and
+torques change by as much."""
 
 
 def to_sdf(robot: Robot, x: ArrayLike) -> str:
@@ -58,18 +63,28 @@ def sdf_text(model: ExportModel) -> str:
             f"      <child>{escape(model.base)}</child>",
             "    </joint>",
         ]
-    frames: dict[int | None, Array] = {None: np.eye(4)}
+    frames, links = model.frames, list(model.links)
+    between = model.between()
+    for j, carried in between.items():
+        body = carried
+        while body in between:
+            body = between[body]
+        part, seen = SHARE * model.links[body].pseudo, inverse(frames[j]) @ frames[body]
+        links[j] = replace(links[j], pseudo=seen @ part @ seen.T)
+        links[body] = replace(links[body], pseudo=links[body].pseudo - part)
     for j in model.outwards:
-        link = model.links[j]
-        frames[j] = frames[link.parent] @ link.pose
+        link = links[j]
         parent = model.base if link.parent is None else model.links[link.parent].link
         lines += _link(link, frames[j]) + _joint(link, parent, model)
     return "\n".join([*lines, "  </model>", "</sdf>"]) + "\n"
 
 
 def no_drives(model: ExportModel, format_name: str) -> list[str]:
-    """Return sentences on rotor inertias, coupled motors and springs, for a format without them."""
+    """Return sentences on rotor inertias, coupled motors and springs, for a format without them, and of SDF on massless links."""
     sentences = []
+    if format_name == "SDF" and (between := model.between()):
+        names = series((model.links[j].link for j in between), 60)
+        sentences.append(f"SDF has no links without mass: {names} get {SHARE:g} of the body that they carry")
     springs = [f"{link.joint} {link.stiffness:.4g}" for link in model.links if link.stiffness]
     if springs and format_name != "SDF":
         sentences.append(f"{format_name} has no place for springs (N.m/rad or N/m): {series(springs)}")

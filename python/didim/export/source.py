@@ -17,9 +17,9 @@ from ..robot.parameter_file import is_file, load_parameters
 from ..robot.payload import carrying_joint, payload_columns
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
-from ..robot.urdf.reading import URDF_SET
+from ..robot.urdf.reading import file_set
 from .bodies import PLACED, export_model
-from .consistent import consistent_parameters, parameters_from_prior
+from .consistent import consistent_parameters, inertial_of, links_between, parameters_from_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def exported_parameters(
     robot : str or None
         Robot; by default the file used for the result, or the URDF itself.
     urdf : Path or None
-        The URDF that is edited.
+        The URDF or MJCF that is edited.
     prior : str, optional
         Prior of the physically consistent parameters, see `consistent_parameters`. Without one, a result's parameters are
         exported unchanged if they belong to bodies.
@@ -98,16 +98,19 @@ def exported_parameters(
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
     load, about = carried(result, model, payload)
-    if prior is None and _are_bodies(model, x) and not _open_to(result, model):
-        told = parameters_from_prior(result, model)
-        return Source(model, x + load, (*model.notes, *notes, *about), told)
-    chosen = consistent_parameters(result, model, prior)
-    x, _ = _by_name(result, chosen.x, model, fit)
-    notes.append(
-        f"physically consistent parameters near the prior {chosen.prior!r}: {chosen.sigmas:.2g} standard deviations rms from the "
-        "estimate"
-    )
-    return Source(model, x + load, (*model.notes, *notes, *about), chosen.from_prior)
+    empty = links_between(model) if urdf is not None else ()
+    full = x[inertial_of(model, empty)].any()
+    if prior is None and not full and _are_bodies(model, x) and not _open_to(result, model):
+        told: Mapping[int, tuple[str, ...]] = parameters_from_prior(result, model)
+    else:
+        chosen = consistent_parameters(result, model, prior, empty)
+        x, _ = _by_name(result, chosen.x, model, fit)
+        told = chosen.from_prior
+        notes.append(
+            f"physically consistent parameters near the prior {chosen.prior!r}: {chosen.sigmas:.2g} standard deviations rms from "
+            "the estimate"
+        )
+    return Source(model, x + load, (*model.notes, *notes, *about), told)
 
 
 def carried(fit: Identification, robot: Robot, payload: str | None) -> tuple[Array, list[str]]:
@@ -197,7 +200,7 @@ def _open_to(result: Identification, robot: Robot) -> bool:
     """Whether bodies of a result have a generic prior where the robot's own file says more."""
     own = result.settings.get("consistent", {}).get("prior")
     own_names = result.names == robot.base_parameters.names
-    return own_names and URDF_SET in robot.sets and own in (None, "generic") and bool(result.std.any())
+    return own_names and file_set(robot) is not None and own in (None, "generic") and bool(result.std.any())
 
 
 def _are_bodies(robot: Robot, x: Array) -> bool:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from numpy.typing import ArrayLike
@@ -24,22 +22,13 @@ from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
 from ..robot.urdf.chain import Chain, choose_chain
 from ..robot.urdf.description import read_description
-from ..robot.urdf.xml_spans import Element, parse_xml
+from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, edited, first_child, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
 from .drives import Drives, JointDrive
 from .numbers import attributes, moments, number, numbers
 
 ROTOR_NOTE = " didim: rotor inertia "
 """First words of the comment on a rotor inertia; a later export replaces the comment."""
-
-
-@dataclass(frozen=True)
-class Edit:
-    """New bytes for the span from `start` to `end` of a file."""
-
-    start: int
-    end: int
-    text: bytes
 
 
 def to_urdf(robot: Robot, x: ArrayLike, urdf: str | Path, *, keep_lumped: bool = False) -> bytes:
@@ -80,7 +69,8 @@ def edited_urdf(robot: Robot, model: ExportModel, data: bytes, where: str, keep_
     lock = {joint: value for joint, value in places.lock if joint not in robot.all_joint_names}
     description = read_description(data, where)
     chain = choose_chain(description, base=places.base, tip=places.tip, lock=lock).numbered()
-    return edited(data, edits(data, where, model, chain, keep_lumped))
+    outermost = parse_xml(data, where)
+    return edited(outermost, _edits(outermost, model, chain, keep_lumped))
 
 
 def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
@@ -100,12 +90,10 @@ def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
     return data
 
 
-def edits(data: bytes, where: str, model: ExportModel, chain: Chain, keep_lumped: bool) -> list[Edit]:
+def _edits(outermost: Element, model: ExportModel, chain: Chain, keep_lumped: bool) -> list[Edit]:
     """Return the changes of a file, unsorted."""
-    outermost = parse_xml(data, where)
     links = {element.attributes.get("name"): element for element in outermost.all("link")}
     joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
-    newline = b"\r\n" if b"\r\n" in data else b"\n"
     changes = []
     for body, group in zip(model.links, chain.groups, strict=True):
         pseudo = body.pseudo.copy()
@@ -120,29 +108,22 @@ def edits(data: bytes, where: str, model: ExportModel, chain: Chain, keep_lumped
                 element = links[member.link].find("inertial")
                 assert element is not None
                 note = f"<!-- inertial: part of link {_safe(body.link)} -->"
-                changes.append(Edit(element.start, element.end, note.encode()))
-        reason = why_no_body(pseudo)
+                changes.append(Edit(element.data, element.start, element.end, note.encode()))
+        # A link between joints may have no mass.
+        reason = why_no_body(pseudo) if pseudo.any() or links[body.link].find("inertial") else None
         if reason is not None:
-            raise FitError(f"link {body.link!r} is not a body without {series(untouched, 30)}: {reason}")
-        changes.append(_inertial(data, links[body.link], pseudo, newline))
-        changes += _dynamics(data, joints[body.joint], body, newline)
+            without = f" without {series(untouched, 30)}" if untouched else ""
+            raise FitError(f"link {body.link!r} is not a body{without}: {reason}")
+        if pseudo.any():
+            changes.append(_inertial(links[body.link], pseudo))
+        changes += _dynamics(joints[body.joint], body)
     return changes
 
 
-def edited(data: bytes, changes: Iterable[Edit]) -> bytes:
-    """Return a file with changes that do not overlap."""
-    parts, start = [], 0
-    for change in sorted(changes, key=lambda change: (change.start, change.end)):
-        parts += [data[start : change.start], change.text]
-        start = change.end
-    return b"".join([*parts, data[start:]])
-
-
-def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit:
+def _inertial(link: Element, pseudo: Array) -> Edit:
     """Return the edit that replaces the inertial element of a link, or adds one as its first child."""
     mass, centre, inertia = central(pseudo)
     old = link.find("inertial")
-    indent = _indent(data, old.start) if old else _indent(data, link.start) + b"  "
     lines = [
         "<inertial>",
         f'  <origin xyz="{numbers(centre)}" rpy="0 0 0"/>',
@@ -150,14 +131,10 @@ def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit
         f"  <inertia{attributes(moments(inertia))}/>",
         "</inertial>",
     ]
-    text = (newline + indent).join(line.encode() for line in lines)
-    if old is not None:
-        return Edit(old.start, old.end, text)
-    text = newline + indent + text
-    if link.opened == link.end:  # <link name="x"/>
-        slash = data.rindex(b"/", link.start, link.end)
-        return Edit(slash, link.end, b">" + text + newline + _indent(data, link.start) + b"</link>")
-    return Edit(link.opened, link.opened, text)
+    if old is None:
+        return first_child(link, lines)
+    text = (link.newline + old.indent).join(line.encode() for line in lines)
+    return Edit(link.data, old.start, old.end, text)
 
 
 def edit_dynamics(drives: Drives, path: Path) -> bytes:
@@ -172,16 +149,16 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
     """
     data = read_small_file(path, FitError)
     read_description(data, path.name)
-    newline = b"\r\n" if b"\r\n" in data else b"\n"
-    joints = {str(joint.attributes.get("name")): joint for joint in parse_xml(data, path.name).all("joint")}
+    outermost = parse_xml(data, path.name)
+    joints = {str(joint.attributes.get("name")): joint for joint in outermost.all("joint")}
     drives.check_joints(joints, path.name)
     changes: list[Edit] = []
     for drive in drives.every:
-        changes += _dynamics(data, joints[drive.joint], drive, newline)
-    return edited(data, changes)
+        changes += _dynamics(joints[drive.joint], drive)
+    return edited(outermost, changes)
 
 
-def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline: bytes) -> list[Edit]:
+def _dynamics(joint: Element, body: LinkBody | JointDrive) -> list[Edit]:
     """Return the friction of a joint, and its rotor inertia as a comment, because URDF has no element for it."""
     changes = []
     values = {"damping": body.viscous, "friction": body.coulomb}
@@ -191,39 +168,21 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline:
         changed = {
             key: value for key, value in values.items() if float(old.attributes.get(key, "0")) != value
         }
-        changes += [attribute_edit(data, old, key, number(value)) for key, value in changed.items()]
-    indent = _indent(data, joint.children[-1].start)
+        changes += [attribute_edit(old, key, number(value)) for key, value in changed.items()]
+    newline, indent = joint.newline, joint.children[-1].indent
     if old is None and any(values.values()):
         behind += newline + indent + f"<dynamics{attributes(values)}/>".encode()
     note = next((comment for comment in joint.comments if comment.text.startswith(ROTOR_NOTE)), None)
     unit = "kg" if body.kind == "prismatic" else "kg.m^2"
     text = f"<!--{ROTOR_NOTE}{number(body.rotor)} {unit} (armature), which URDF has no place for -->".encode()
     if note is not None:
-        changes.append(Edit(note.start, note.end, text))
+        changes.append(Edit(joint.data, note.start, note.end, text))
     elif body.rotor:
         behind += newline + indent + text
     if behind:
         last = max(joint.children, key=lambda child: child.end).end
-        changes.append(Edit(last, last, behind))
+        changes.append(Edit(joint.data, last, last, behind))
     return changes
-
-
-def attribute_edit(data: bytes, element: Element, key: str, value: str) -> Edit:
-    """Return a new value of an attribute of an opening tag."""
-    text = f'{key}="{value}"'.encode()
-    old = re.compile(rb"(?<=\s)%s\s*=\s*(\"[^\"]*\"|'[^']*')" % key.encode())
-    match = old.search(data, element.start, element.opened)
-    if match:
-        return Edit(match.start(), match.end(), text)
-    at = element.start + len(f"<{element.tag}")
-    return Edit(at, at, b" " + text)
-
-
-def _indent(data: bytes, start: int) -> bytes:
-    """Return the indentation of an element that is the first on its line."""
-    line = data.rfind(b"\n", 0, start) + 1
-    before = data[line:start]
-    return before[: len(before) - len(before.lstrip(b" \t"))]
 
 
 def _safe(name: str) -> str:

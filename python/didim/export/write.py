@@ -9,14 +9,18 @@ from typing import Literal
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from ..errors import FitError
 from ..model.consistency import pseudo_inertias
 from ..robot.rigid_body import inverse
 from ..robot.robot import Robot
-from ..robot.urdf.reading import URDF_SET
+from ..robot.urdf.reading import file_set
 from .bodies import export_model
+from .drives import read_drives
 from .mjcf import mjcf_text
+from .mjcf_edit import edit_mjcf, why_other
 from .report import ExportReport, compare_links
 from .sdf import no_drives, sdf_text
+from .source import Source
 from .urdf import edited_urdf, urdf_bytes
 
 Format = Literal["urdf", "mjcf", "sdf"]
@@ -71,11 +75,56 @@ def export(
     return content, compare_links(model, before, sentences, from_prior)
 
 
+def into_mjcf(
+    path: Path, source: Source | None, fit: Path | None, step_s: float | None = None
+) -> tuple[bytes, str, tuple[str, ...]]:
+    """Write links and drives into the MJCF of a robot, or the drives of a result into any that has its joints.
+
+    Parameters
+    ----------
+    path : Path
+        The MJCF.
+    source : Source or None
+        Robot and parameters; None for drives alone.
+    fit : Path or None
+        The result, whose drives are written where the file is not of the robot.
+    step_s : float, optional
+        Step of a simulator, see `edit_mjcf`.
+
+    Returns
+    -------
+    bytes, str, tuple of str
+        Content of the file, report, and sentences.
+
+    Raises
+    ------
+    FitError
+        As of `edit_mjcf`, and for parameters without a result when the file is not of the robot.
+    """
+    notes: tuple[str, ...] = ()
+    if source is not None:
+        model = export_model(source.robot, source.x)
+        reason = why_other(path, model)
+        if reason is None:
+            content, drives = edit_mjcf(model, path, step_s=step_s)
+            report = compare_links(model, _of_description(source.robot), (), source.from_prior)
+            return content, f"{report}\n\n{drives}", source.notes
+        if fit is None:
+            raise FitError(f"{path.name} is not of robot {model.name!r}: {reason}")
+        notes = (
+            f"links of {path.name} stay as they are, because it is not of robot {model.name!r}: {reason}",
+        )
+    assert fit is not None
+    content, drives = edit_mjcf(read_drives(fit), path, step_s=step_s)
+    return content, f"{drives}", notes
+
+
 def _of_description(robot: Robot) -> list[Array | None]:
     """Return the pseudo-inertias in the original description of a robot, in the frames of its links."""
     places = robot.correspondence
-    if places is None or URDF_SET not in robot.sets:
+    own = file_set(robot)
+    if places is None or own is None:
         return [None] * robot.n_joints
-    pseudos = pseudo_inertias(robot, robot.sets[URDF_SET])
+    pseudos = pseudo_inertias(robot, robot.sets[own])
     backs = [inverse(link.matrix) for link in places.links]
     return [back @ pseudo @ back.T for back, pseudo in zip(backs, pseudos, strict=True)]

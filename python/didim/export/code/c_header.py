@@ -17,7 +17,7 @@ from ...errors import FitError
 from ...model.dynamics import standard_vector
 from ...robot.friction import HOLD_WIDTH, FrictionTerm
 from ...robot.robot import Robot
-from .equations import Equations, remembering
+from .equations import Equations, of_all_joints, remembering
 from .expression import FUNCTIONS, Expression, Graph
 
 _LONGEST = 90
@@ -77,7 +77,8 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: fl
         The robot, with all details of its friction (sign or tanh, dead zones, further terms).
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``, SI units, joint side. Parameters with the same torques
-        give the same functions: the code contains the base parameters, or all parameters if friction depends on the load.
+        give the same functions: the code contains the base parameters, or all parameters if friction depends on the load or joints
+        follow others.
     prefix : str, optional
         Prefix of the names in the header, with or without a last underscore; by default the name of the robot.
     smoothing : float, optional
@@ -111,11 +112,14 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: fl
     x = standard_vector(robot, x)
     base = robot.base_parameters
     beta = base.project(x)
-    # Load friction depends on gravity but not on an offset, although both are one parameter for a vertical prismatic joint.
-    written = x if robot.friction.has_load else base.lift(beta)
+    # Gravity has no offset in it, although both are one parameter where joints that slide follow others, and load friction too.
+    together = robot.friction.has_load or robot.geometry.followers
+    written = x if together else base.lift(beta)
     values = {name: float(value) for name, value in zip(robot.parameter_names, written, strict=True)}
     memory = remembering(robot)
-    functions = [_function(robot, values, prefix, one) for one in _functions(robot.n_dof, len(memory))]
+    functions = [
+        _function(of_all_joints(robot), values, prefix, one) for one in _functions(robot.n_dof, len(memory))
+    ]
     if memory:
         functions.append(_remember(robot, memory, prefix))
     body = "\n".join(functions)
@@ -130,7 +134,8 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: fl
         " *",
         " * SI units, joint side: rad, N.m for revolute joints, m, N for prismatic ones. Joints: "
         + kinds
-        + ".",
+        + "."
+        + (f" Motions and torques are those of the first {robot.n_dof}." if robot.geometry.followers else ""),
         " * Nothing is allocated, nothing is kept between calls."
         if not memory
         else f" * Nothing is allocated. Friction that remembers has its states z in your hands: {prefix}_remember.",

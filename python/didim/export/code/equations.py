@@ -9,13 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import FitError
 from ...robot.friction import OF_PATH, OF_POSITION, OF_TEMPERATURE, FrictionTerm
 from ...robot.placement import carriers
 from ...robot.rigid_body import INERTIAL
@@ -85,18 +84,33 @@ class Equations:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any], algebra: Algebra, q: Sequence[Any]) -> None:
-        if robot.geometry.followers:
-            raise FitError(
-                f"robot {robot.name!r} has joints that follow others: C code and LaTeX are written for driven joints only"
-            )
-        self.parents = robot.geometry.parents
-        self.robot, self.algebra, self.n, self.q = robot, algebra, robot.n_dof, q
+        self.parents, self.outwards = robot.geometry.parents, robot.geometry.outwards
+        self.robot, self.algebra, self.n = robot, algebra, robot.n_joints
         self.zero = algebra.number(0.0)
+        self.q = self._all(q, position=True)
         self.value: Callable[[str], Any] = lambda name: values.get(name, self.zero)
         self.turns = [kind == "revolute" for kind in robot.geometry.kinds]
         self.axis = _scalars(self.zero, self.zero, algebra.number(1.0))
-        self.rotations, self.shifts = self._frames(q)
+        self.rotations, self.shifts = self._frames(self.q)
         self.bodies = [self._body(j + 1) for j in range(self.n)]
+
+    def _all(self, driven: Sequence[Any], *, position: bool = False) -> list[Any]:
+        """Return the motion of all joints of that of the driven ones; positions include offsets."""
+        number = self.algebra.number
+        motion = list(driven)
+        for follower in self.robot.geometry.followers:
+            parts = (driven[leader] * number(factor) for leader, factor in follower.leaders)
+            motion.append(sum(parts, number(follower.offset) if position else self.zero))
+        return motion
+
+    def _driven(self, joints: Sequence[Any]) -> list[Any]:
+        """Return torques of all joints, or rows of a matrix, as the driven ones feel them, ``G^T v``."""
+        n, number = self.robot.n_dof, self.algebra.number
+        driven = list(joints[:n])
+        for follower, torque in zip(self.robot.geometry.followers, joints[n:], strict=True):
+            for leader, factor in follower.leaders:
+                driven[leader] = driven[leader] + torque * number(factor)
+        return driven
 
     def _frames(self, q: Sequence[Any]) -> tuple[list[Scalars], list[Scalars]]:
         """Rotation and origin of each frame in that of its antecedent."""
@@ -134,7 +148,7 @@ class Equations:
     def gravity(self) -> list[Any]:
         """Return the torques that hold the robot at rest, springs included, without friction (N.m or N)."""
         still = [self.zero] * self.n
-        return self._sprung(self._links(still, still))
+        return self._driven(self._sprung(self._links(still, still)))
 
     def _sprung(self, tau: list[Any]) -> list[Any]:
         """Add the torques of the springs."""
@@ -161,6 +175,7 @@ class Equations:
 
         ``z`` has the states of the terms that remember, in the order of `remembering`.
         """
+        dq, ddq = self._all(dq), self._all(ddq)
         tau = self._links(dq, ddq)
         for row, entries in enumerate(self.rotors()):
             for k, inertia in enumerate(entries):
@@ -181,13 +196,13 @@ class Equations:
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.apply("abs", tau[j])
             else:
                 friction[j] = friction[j] + parameter * self.algebra.term(term, dq[j], signs[j])
-        return self._sprung([a + b for a, b in zip(tau, friction, strict=True)])
+        return self._driven(self._sprung([a + b for a, b in zip(tau, friction, strict=True)]))
 
     def inertia(self) -> list[list[Any]]:
         """Return the inertia matrix M(q) with rotors, by composite bodies; its lower triangle is computed and mirrored."""
         matrix = [list(row) for row in self.rotors()]
         composites = list(self.bodies)
-        for j in range(self.n - 1, -1, -1):
+        for j in reversed(self.outwards):
             composite, before = composites[j], self.parents[j]
             if before is not None:
                 composites[before] += composite.moved(self.rotations[j], self.shifts[j])
@@ -197,12 +212,13 @@ class Equations:
                 force, moment = self.axis * composite.mass, np.cross(composite.first, self.axis)
             outer = j
             for i in reversed(carriers(self.parents, j)):
-                if i < j:
+                if i != j:
                     force, moment = self._inwards(outer, force, moment)
                 outer = i
                 entry = matrix[j][i] + (moment if self.turns[i] else force)[2]
                 matrix[j][i] = matrix[i][j] = entry
-        return matrix
+        rows = (_scalars(*row) for row in self._driven([_scalars(*row) for row in matrix]))
+        return [self._driven(row.tolist()) for row in rows]
 
     def rotors(self) -> list[list[Any]]:
         """Return the contribution of rotors to M(q), (24)."""
@@ -227,9 +243,10 @@ class Equations:
         omega = domega = _scalars(self.zero, self.zero, self.zero)
         a = _scalars(*(number(-g) for g in self.robot.geometry.gravity))
         base = (omega, domega, a)
-        motions: list[tuple[Scalars, Scalars, Scalars]] = []
-        wrenches = []
-        for j, parent in enumerate(self.parents):
+        motions: dict[int, tuple[Scalars, Scalars, Scalars]] = {}
+        wrenches: dict[int, tuple[Scalars, Scalars]] = {}
+        for j in self.outwards:
+            parent = self.parents[j]
             omega, domega, a = base if parent is None else motions[parent]
             back, t = self.rotations[j].T, self.shifts[j]
             a = back @ (a + np.cross(domega, t) + np.cross(omega, np.cross(omega, t)))
@@ -240,15 +257,15 @@ class Equations:
                 omega = omega + speed
             else:
                 a = a + np.cross(omega, speed) * number(2.0) + gain
-            motions.append((omega, domega, a))
+            motions[j] = (omega, domega, a)
             body = self.bodies[j]
             first = body.first
             force = a * body.mass + np.cross(domega, first) + np.cross(omega, np.cross(omega, first))
             spin = np.cross(omega, body.inertia @ omega)
             moment = body.inertia @ domega + spin + np.cross(first, a)
-            wrenches.append((force, moment))
+            wrenches[j] = (force, moment)
         tau = [self.zero] * self.n
-        for j in range(self.n - 1, -1, -1):
+        for j in reversed(self.outwards):
             force, moment = wrenches[j]
             tau[j] = (moment if self.turns[j] else force)[2]
             parent = self.parents[j]
@@ -294,6 +311,24 @@ class Equations:
                         tau[i] + viscous * (shaft * factor - dq[i] * factor**2) + coulomb * (felt * factor)
                     )
         return tau
+
+
+def of_all_joints(robot: Robot) -> Robot:
+    """Return the robot with smoothing and dead zones of all joints: those that follow have their leaders', times the factors."""
+    friction, followers = robot.friction, robot.geometry.followers
+
+    def widths(own: tuple[float, ...]) -> tuple[float, ...]:
+        more = (
+            sum(abs(factor) * own[leader] for leader, factor in follower.leaders) for follower in followers
+        )
+        return (*own, *more)
+
+    return replace(
+        robot,
+        friction=replace(
+            friction, smoothing=widths(friction.smoothing), dead_zone=widths(friction.dead_zone)
+        ),
+    )
 
 
 def remembering(robot: Robot) -> list[FrictionTerm]:

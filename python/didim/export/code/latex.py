@@ -15,7 +15,7 @@ from ..._tools.plugins import optional
 from ...errors import FitError
 from ...robot.friction import FrictionTerm
 from ...robot.robot import Robot
-from .equations import Equations
+from .equations import Equations, of_all_joints
 
 if TYPE_CHECKING:
     import sympy
@@ -106,9 +106,9 @@ def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
     FitError
         For a larger robot, a friction term that is not a formula of the speed, or without SymPy (``tests/test_export_latex.py``).
     """
-    if robot.n_dof > MOST_JOINTS:
+    if robot.n_joints > MOST_JOINTS:
         raise FitError(
-            f"the equations of {robot.n_dof} joints fill pages: LaTeX is written for up to {MOST_JOINTS}; C takes any robot"
+            f"the equations of {robot.n_joints} joints fill pages: LaTeX is written for up to {MOST_JOINTS}; C takes any robot"
         )
     for term in robot.friction.terms:
         if term.law in _REFUSED:
@@ -123,6 +123,7 @@ def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
     values = {
         robot.parameter_names[i]: symbols[name] for i, name in zip(base.indices, base.names, strict=True)
     }
+    robot = of_all_joints(robot)
     algebra = _Symbolic(sympy, robot, sympy.Symbol("g", positive=True))
     model = []
     for torque in Equations(robot, values, algebra, q).torque(dq, ddq):

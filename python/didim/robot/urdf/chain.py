@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -93,6 +94,16 @@ class Chain:
     def axes(self) -> tuple[Array, ...]:
         """Unit axis of each joint in its own moving link."""
         return tuple(joint.axis for joint in self.joints)
+
+    @cached_property
+    def frames(self) -> Mapping[str, Array]:
+        """Frame (4, 4) of each moving link in the base at position zero, by name of the joint."""
+
+        def frame(k: int) -> Array:
+            parent = self.parents[k]
+            return self.origins[k] if parent is None else frame(parent) @ self.origins[k]
+
+        return {joint.name: frame(k) for k, joint in enumerate(self.joints)}
 
     @property
     def driven(self) -> tuple[UrdfJoint, ...]:

@@ -136,7 +136,7 @@ def _check_parts(outermost: Element, main: Path) -> None:
     while waiting:
         element, file, above, times = waiting.pop()
         line = f"{file.name}: line {element.line}"
-        for part in _parts(element, file, main):
+        for part in parts_of(element, file, main):
             whole = (*above, part.resolve())
             if part.resolve() in above:
                 raise RobotError(f"{line}: {part.name} includes itself")
@@ -176,7 +176,7 @@ def _product(element: Element, *keys: str) -> float:
         return 1.0
 
 
-def _parts(element: Element, file: Path, main: Path) -> list[Path]:
+def parts_of(element: Element, file: Path, main: Path) -> list[Path]:
     """Return the file that an element names, which MuJoCo looks up beside the main one or beside its own."""
     name = element.attributes.get("file", "")
     if element.tag not in ("include", "model") or not name:

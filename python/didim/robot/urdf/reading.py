@@ -42,11 +42,19 @@ URDF_SET = "urdf"
 MJCF_SET = "mjcf"
 """Name of the parameter set with the inertias of an MJCF."""
 
+FILE_SETS = (URDF_SET, MJCF_SET)
+"""Names of the parameter sets of robot descriptions, of which a robot has one at most."""
+
 SMALLEST_TORQUE_SHARE = 1e-6
 """Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""
 
 LARGEST_DIFFERENCE = 1e-6
 """Largest difference of the self-test, as a share of the largest torque, beyond which a description is refused."""
+
+
+def file_set(robot: Robot) -> str | None:
+    """Return the name of a robot's parameter set with the inertias of its description, if it has one."""
+    return next((name for name in FILE_SETS if name in robot.sets), None)
 
 
 @dataclass(frozen=True, eq=False)

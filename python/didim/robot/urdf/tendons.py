@@ -36,6 +36,8 @@ class Shares:
         Stiffness and torque at position zero by joint.
     motors : mapping of int to (3,) array
         ``Ia``, ``Fvm`` and ``Fcm`` of tendons over several joints, by motor.
+    sources : mapping of int to (str, float)
+        Name of the tendon of each motor, and its moment arm on the motor's own joint.
     left : list of str
         Names of tendons that a robot cannot represent.
     """
@@ -44,6 +46,7 @@ class Shares:
     drives: Array
     springs: dict[int, tuple[float, float]] = field(default_factory=dict)
     motors: dict[int, Array] = field(default_factory=dict)
+    sources: dict[int, tuple[str, float]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
 
 
@@ -88,6 +91,7 @@ def shares_of(chain: Chain, tendons: tuple[Tendon, ...]) -> Shares:
                 shares.left.append(tendon.name)
             else:
                 shares.coupling[motor] = row / row[motor]
+                shares.sources[motor] = tendon.name, abs(float(row[motor]))
                 shares.motors[motor] = drive * np.power(abs(row[motor]), POWERS)
     return shares
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import xml.parsers.expat
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from ...errors import RobotError
@@ -44,6 +44,10 @@ class Element:
         Elements inside.
     comments : list of Comment
         Comments directly inside.
+    data : bytes
+        Content of its file.
+    part : Element or None
+        Outermost element of the file that stands in the place of this one.
     """
 
     tag: str
@@ -54,10 +58,37 @@ class Element:
     end: int = -1
     children: list[Element] = field(default_factory=list)
     comments: list[Comment] = field(default_factory=list)
+    data: bytes = field(default=b"", repr=False)
+    part: Element | None = None
 
     def all(self, tag: str) -> Iterator[Element]:
         """Children of one name."""
-        return (child for child in self.children if child.tag == tag)
+        return (child for child in self.inside() if child.tag == tag)
+
+    def inside(self, *through: str) -> Iterator[Element]:
+        """Children, with those of included files and of elements of these names in their places."""
+        for child in self.children:
+            if child.part is not None or child.tag in through:
+                yield from (child.part or child).inside(*through)
+            else:
+                yield child
+
+    def walk(self) -> Iterator[Element]:
+        """All elements inside, those of included files too."""
+        for child in self.children:
+            yield child
+            yield from (child.part or child).walk()
+
+    @property
+    def indent(self) -> bytes:
+        """Indentation of an element that is the first on its line."""
+        before = self.data[self.data.rfind(b"\n", 0, self.start) + 1 : self.start]
+        return before[: len(before) - len(before.lstrip(b" \t"))]
+
+    @property
+    def newline(self) -> bytes:
+        """What ends the lines of its file."""
+        return b"\r\n" if b"\r\n" in self.data else b"\n"
 
     def find(self, tag: str) -> Element | None:
         """First child of one name."""
@@ -84,6 +115,7 @@ def parse_xml(data: bytes, where: str) -> Element:
     RobotError
         When it is not well-formed XML, with line and column, or declares entities.
     """
+    content = data
     if b"\0" in data[:400]:
         raise RobotError(f"{where}: neither UTF-8 nor Latin-1; save it as UTF-8")
     blank = len(data) - len(data.lstrip())
@@ -100,7 +132,7 @@ def parse_xml(data: bytes, where: str) -> Element:
         first = parser.CurrentByteIndex
         opening = _TAG.match(data, first)
         opened = opening.end() if opening else len(data)
-        element = Element(tag, attributes, first, opened, parser.CurrentLineNumber)
+        element = Element(tag, attributes, first, opened, parser.CurrentLineNumber, data=content)
         (open_elements[-1].children if open_elements else outermost).append(element)
         open_elements.append(element)
 
@@ -133,3 +165,70 @@ def parse_xml(data: bytes, where: str) -> Element:
     except (ValueError, LookupError) as error:  # unknown encoding
         raise RobotError(f"{where}: not readable as XML ({error})") from None
     return outermost[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Edit:
+    """New bytes for the span from `start` to `end` of a file with the content `data`."""
+
+    data: bytes
+    start: int
+    end: int
+    text: bytes
+
+
+def edited(outermost: Element, changes: Collection[Edit], *, whole: bool = False) -> bytes:
+    """Return a file with changes that do not overlap; an included file that changes stands in the place of its include.
+
+    If `whole`, all included files do, and the outermost element has neither its opening nor its closing tag.
+    """
+    data = outermost.data
+    own = [change for change in changes if change.data is data]
+    files = {id(change.data) for change in changes}
+    for include in outermost.walk():
+        part = include.part
+        if part is None or include.data is not data:
+            continue
+        if whole or files & {id(part.data), *(id(element.data) for element in part.walk())}:
+            text = edited(part, changes, whole=True).strip()
+            own.append(Edit(data, include.start, include.end, text))
+    if whole:
+        closing = outermost.end if outermost.opened == outermost.end else data.rindex(b"</", 0, outermost.end)
+        own += [Edit(data, 0, outermost.opened, b""), Edit(data, closing, len(data), b"")]
+    parts, start = [], 0
+    for change in sorted(own, key=lambda change: (change.start, change.end)):
+        parts += [data[start : change.start], change.text]
+        start = change.end
+    return b"".join([*parts, data[start:]])
+
+
+def attribute_edit(element: Element, key: str, value: str, old: str = "") -> Edit:
+    """Return a new value of an attribute of an opening tag, in the place of another one if that is there."""
+    text = f'{key}="{value}"'.encode()
+    match = _attribute(element, key) or (_attribute(element, old) if old else None)
+    if match:
+        return Edit(element.data, match.start(1), match.end(), text)
+    at = element.start + len(f"<{element.tag}")
+    return Edit(element.data, at, at, b" " + text)
+
+
+def attributes_out(element: Element, keys: Collection[str]) -> list[Edit]:
+    """Return the changes that take attributes out of an opening tag."""
+    found = [match for key in keys if (match := _attribute(element, key))]
+    return [Edit(element.data, match.start(), match.end(), b"") for match in found]
+
+
+def _attribute(element: Element, key: str) -> re.Match[bytes] | None:
+    pattern = re.compile(rb"\s+(%s\s*=\s*(?:\"[^\"]*\"|'[^']*'))" % key.encode())
+    return pattern.search(element.data, element.start, element.opened)
+
+
+def first_child(element: Element, lines: Iterable[str]) -> Edit:
+    """Return the change that adds lines of text as the first child of an element."""
+    data, newline = element.data, element.newline
+    text = b"".join(newline + element.indent + b"  " + line.encode() for line in lines)
+    if element.opened == element.end:  # <link name="x"/>
+        slash = data.rindex(b"/", element.start, element.end)
+        closing = newline + element.indent + f"</{element.tag}>".encode()
+        return Edit(data, slash, element.end, b">" + text + closing)
+    return Edit(data, element.opened, element.opened, text)
