@@ -98,6 +98,31 @@ def test_macros_that_were_not_expanded_are_left_out_of_a_complete_tree() -> None
             read_description(wrong.encode(), "arm.urdf")
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<mass ", "<xacro:mass/><mass "),
+        ("<inertial>.*?</inertial>", "<xacro:inertia/>"),
+        ("(<inertial>.*?</inertial>)", r"<xacro:if>\1</xacro:if>"),
+        ("<axis ", "<xacro:axis/><axis "),
+    ],
+)
+def test_macros_in_the_place_of_values_are_refused(old: str, new: str) -> None:
+    text = re.sub(old, new, tree(*arm("base", "l", 2)), count=1)
+    with pytest.raises(RobotError, match=r"xacro macros \(xacro:\w+\); expand it first"):
+        read_description(text.encode(), "arm.urdf")
+
+
+def test_macros_beside_the_inertia_of_a_link_are_left_out_and_those_in_its_shape_ignored() -> None:
+    text = tree(*arm("base", "l", 2))
+    beside = text.replace("<inertial>", "<xacro:sensor/><inertial>")
+    note = "xacro macros that were not expanded are left out: xacro:sensor"
+    assert read_description(beside.encode(), "arm.urdf").notes == (note,)
+    shape = text.replace("<inertial>", "<visual><xacro:look/></visual><inertial>")
+    assert shape != text
+    assert not read_description(shape.encode(), "arm.urdf").notes
+
+
 def test_fixed_branches_do_not_stop_the_chain() -> None:
     text = tree(
         ("base", "stand", "fixed"), *arm("stand", "l", 2), ("l1", "cover", "fixed"), ("l2", "tool", "fixed")
