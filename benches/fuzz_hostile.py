@@ -129,6 +129,8 @@ MJCF: dict[str, str] = {
         "attached to itself": "<asset><model name='m' file='arm.xml'/></asset><worldbody><attach model='m' body='a' "
         "prefix='x'/></worldbody>",
         "included in itself": "<include file='arm.xml'/>" + _BODY,
+        "models": "<asset>" + "<model name='m' file='part.xml'/>" * _MANY + "</asset>" + _BODY,
+        "mass": _BODY.replace("size='.1'", "size='.1' mass='x' density='x'"),
         "gear": _BODY + "<actuator><motor joint='j' gear=''/></actuator>",
         "classes": "<default>" * 400 + "</default>" * 400 + _BODY,
         "not a number": _BODY.replace("size='.1'", "size='.1' mass='nan'"),

@@ -19,7 +19,7 @@ from didim.export.sdf import to_sdf
 from didim.export.urdf import to_urdf
 from didim.export.write import FORMATS, export
 from didim.model.kinematics import frames
-from didim.robot.robot import Robot
+from didim.robot.robot import MOST_JOINTS, Robot
 from didim.robot.robot_text import robot_text
 from didim.robot.transmission import driven_part, joint_motion
 from didim.view.shapes import skeleton
@@ -76,12 +76,22 @@ def by_hand(robot: Robot, text: str) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(ROBOTS))
 def test_models_are_those_of_pinocchio_seen_by_the_driven_joints(tmp_path: Path, seed: int) -> None:
+    check_models(tmp_path, seed, 2 + seed % 24)
+
+
+@pytest.mark.parametrize("joints", [58, 91, MOST_JOINTS])
+def test_models_of_the_largest_robots_are_those_of_pinocchio(tmp_path: Path, joints: int) -> None:
+    """Humanoids with hands whose fingers follow."""
+    check_models(tmp_path, joints, joints)
+
+
+def check_models(tmp_path: Path, seed: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
-    text = coupled(rng, 2 + seed % 24)
+    text = coupled(rng, joints)
     gravity = rng.normal(size=3) * 5.0
     robot = made(tmp_path, text, gravity=gravity.tolist())
     n, driven = robot.n_joints, robot.n_dof
-    assert n == 2 + seed % 24
+    assert n == joints
     assert driven == n - text.count("<mimic")
     g = by_hand(robot, text)
     model = pinocchio_model(without_mimic(text), robot.all_joint_names)

@@ -20,7 +20,7 @@ from didim.experiment.specs import ControllerSpec, ReferenceSpec
 from didim.robot.robot_file import check_closed
 from didim.robot.robot_text import robot_text
 from didim.robot.transmission import SOFTNESS
-from didim.robot.urdf.mjcf_compiler import MOST_ELEMENTS, MOST_OF
+from didim.robot.urdf.mjcf_compiler import DEEPEST, MOST_ELEMENTS, MOST_FILES, MOST_OF
 from robots import random_motion
 from scripts import one_line
 
@@ -218,6 +218,24 @@ def test_an_attached_model_is_read(tmp_path: Path) -> None:
     assert robot.joint_names == ("turn", "p_j1", "p_j2", "p_j3")
     written(tmp_path, text.replace('"part.xml"', '"loop.xml"'), "loop.xml")
     assert refusal(tmp_path / "loop.xml") == "loop.xml: line 1: loop.xml includes itself"
+
+
+def test_bombs_of_includes_and_models_are_refused(tmp_path: Path) -> None:
+    """A row of includes, deeper than MuJoCo's stack would bear, and models of which each attaches the next one twice."""
+    body = '<body name="a"><joint/><geom size="0.1"/></body>'
+    for k in range(2 * DEEPEST):
+        written(tmp_path, f'<mujocoinclude><include file="row{k + 1}.xml"/></mujocoinclude>', f"row{k}.xml")
+    for k in range(30):
+        models = "".join(f'<model name="m{i}" file="twice{k + 1}.xml"/>' for i in (1, 2))
+        text = f"<mujoco><asset>{models}</asset><worldbody>{body}</worldbody></mujoco>"
+        written(
+            tmp_path, text if k < 29 else f"<mujoco><worldbody>{body}</worldbody></mujoco>", f"twice{k}.xml"
+        )
+    row = written(tmp_path, '<mujoco><include file="row0.xml"/></mujoco>')
+    assert refusal(row).endswith(f"an MJCF has at most {MOST_FILES} parts, {DEEPEST} deep, and this has more")
+    assert refusal(tmp_path / "twice0.xml").endswith(
+        f"more than {MOST_OF['body']} elements <body>; cut the robot out of it"
+    )
 
 
 MESHED = """<mujoco><asset><mesh name="m" file="{mesh}"/><texture name="t" type="2d" file="gone.png"/>

@@ -98,6 +98,31 @@ def test_macros_that_were_not_expanded_are_left_out_of_a_complete_tree() -> None
             read_description(wrong.encode(), "arm.urdf")
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<mass ", "<xacro:mass/><mass "),
+        ("<inertial>.*?</inertial>", "<xacro:inertia/>"),
+        ("(<inertial>.*?</inertial>)", r"<xacro:if>\1</xacro:if>"),
+        ("<axis ", "<xacro:axis/><axis "),
+    ],
+)
+def test_macros_in_the_place_of_values_are_refused(old: str, new: str) -> None:
+    text = re.sub(old, new, tree(*arm("base", "l", 2)), count=1)
+    with pytest.raises(RobotError, match=r"xacro macros \(xacro:\w+\); expand it first"):
+        read_description(text.encode(), "arm.urdf")
+
+
+def test_macros_beside_the_inertia_of_a_link_are_left_out_and_those_in_its_shape_ignored() -> None:
+    text = tree(*arm("base", "l", 2))
+    beside = text.replace("<inertial>", "<xacro:sensor/><inertial>")
+    note = "xacro macros that were not expanded are left out: xacro:sensor"
+    assert read_description(beside.encode(), "arm.urdf").notes == (note,)
+    shape = text.replace("<inertial>", "<visual><xacro:look/></visual><inertial>")
+    assert shape != text
+    assert not read_description(shape.encode(), "arm.urdf").notes
+
+
 def test_fixed_branches_do_not_stop_the_chain() -> None:
     text = tree(
         ("base", "stand", "fixed"), *arm("stand", "l", 2), ("l1", "cover", "fixed"), ("l2", "tool", "fixed")
@@ -157,7 +182,7 @@ def test_the_base_may_be_turned() -> None:
         (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
-        (tree(*arm("base", "l", 41)), {}, "at most 40 joints, not 41 (to_l1, to_l2,"),
+        (tree(*arm("base", "l", 97)), {}, "at most 96 joints, not 97 (to_l1, to_l2,"),
         (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
         (tree(("a", "b", "floating")), {}, "base and tip; joints of this type are held: to_b (floating)"),
     ],
@@ -197,15 +222,25 @@ def test_joints_that_follow_others_do_so_in_a_tree() -> None:
     assert dict(right.locked) == {"to_finger": 0.0}
 
 
-def test_joints_that_carry_least_are_held_beyond_forty() -> None:
-    text = tree(*arm("base", "left_", 30), *arm("base", "right_", 12))
+def test_a_leader_and_its_followers_move_or_are_locked_together() -> None:
+    """Also in the largest robots: those with more joints are refused, and none is dropped."""
+    mimic = ("</joint>", '<mimic joint="to_left_1" multiplier="0.5" offset="0.1"/></joint>')
+    hands = [*arm("base", "left_", 60), *arm("base", "right_", 36)]
+    text = tree(*hands)
+    head, *followers = text.rsplit('<joint name="to_right_', 20)
+    text = '<joint name="to_right_'.join([head, *(part.replace(*mimic) for part in followers)])
     chain = chain_of(text)
-    assert len(chain.joints) == 40
-    # The last link of an arm is lighter than it with any other.
-    assert dict(chain.locked) == {"to_left_30": 0.0, "to_right_12": 0.0}
-    named = chain_of(text, lock={"to_left_1": 0.5, "to_left_2": 0.0})
-    assert len(named.joints) == 40
-    assert dict(named.locked) == {"to_left_1": 0.5, "to_left_2": 0.0}
+    assert len(chain.joints) == 96
+    assert len(chain.mimics) == 20
+    assert not chain.locked
+    locked = chain_of(text, lock={"to_left_1": 0.4})
+    assert len(locked.joints) == 75
+    assert not locked.mimics
+    assert dict(locked.locked) == {"to_left_1": 0.4} | {
+        name: pytest.approx(0.3, abs=1e-15) for name in chain.mimics
+    }
+    with pytest.raises(RobotError, match="at most 96 joints, not 97"):
+        chain_of(tree(*hands, ("right_36", "finger", "revolute")))
 
 
 def test_a_long_row_of_fixed_links_is_read() -> None:

@@ -30,10 +30,10 @@ SCHEMA = 1
 LARGEST_INTEGER = 2**63 - 1
 """Largest integer that TOML guarantees."""
 
-DEEPEST_KEY = 100
-"""Largest number of dots in a key. Memory grows with its square: 50 000 dots take 3 GB."""
+MOST_DOTS = 5000
+"""Largest number of dots in keys of more than three: each takes 600 bytes, and in one key memory grows with the square."""
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
-DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST_KEY + 1}}}""")
+DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{4,}}""")
 
 _Default = TypeVar("_Default")
 _Made = TypeVar("_Made")
@@ -61,9 +61,9 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     except UnicodeDecodeError as reason:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
     else:
-        if DEEP_KEY.search(content):
+        if sum(key.group().count(".") for key in DEEP_KEY.finditer(content)) > MOST_DOTS:
             raise error(
-                f"{path.name}: a key has more than {DEEPEST_KEY} dots, and no key of didim has more than ten"
+                f"{path.name}: its keys have more than {MOST_DOTS} dots, and no key of didim more than ten"
             )
         try:
             return tomllib.loads(content)

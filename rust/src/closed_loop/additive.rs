@@ -12,9 +12,8 @@ use super::runge_kutta::{PerJoint, Point};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::direct::Direct;
-use crate::model::links::Lower;
 use crate::model::steep::Steep;
-use crate::robot::arm::for_joints;
+use crate::robot::arm::{Arm, Square, for_joints};
 
 /// Diagonal coefficient `g` of the implicit method.
 const DIAGONAL: f64 = 1_767_732_205_903.0 / 4_055_673_282_236.0;
@@ -51,8 +50,8 @@ const NOTHING: f64 = 1e-9;
 const MOST: usize = 60;
 
 /// One step.
-#[derive(Debug, Clone, Copy)]
-pub struct Additive<'a, V: Set> {
+#[derive(Debug)]
+pub struct Additive<'a, V: Set, S: Arm> {
     start: Point<V>,
     /// Velocities of the stages.
     speed: [PerJoint<V>; 4],
@@ -61,18 +60,18 @@ pub struct Additive<'a, V: Set> {
     steep: [PerJoint<V>; 4],
     growth: [PerJoint<V>; 4],
     /// `M` at the start of the step.
-    inertia: Lower<V>,
+    inertia: S::Square<Lanes<V>>,
     /// Memory for the matrix of a Newton step.
-    matrix: Lower<V>,
+    matrix: S::Square<Lanes<V>>,
     friction: Steep<'a, V>,
     /// 1 in lanes whose `M` was positive definite there.
     sound: Lanes<V>,
 }
 
-impl<'a, V: Set> Additive<'a, V> {
+impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
     /// Before the first step of these candidates.
     #[inline(always)]
-    pub fn new(friction: Steep<'a, V>) -> Self {
+    pub fn new(n: usize, friction: Steep<'a, V>) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
         let point = Point { q: zero, dq: zero, z: zero };
         Self {
@@ -81,8 +80,8 @@ impl<'a, V: Set> Additive<'a, V> {
             whole: [zero; 4],
             steep: [zero; 4],
             growth: [zero; 4],
-            inertia: [zero; MAX_DOF],
-            matrix: [zero; MAX_DOF],
+            inertia: Square::filled(Lanes::zero(), n),
+            matrix: Square::filled(Lanes::zero(), n),
             friction,
             sound: Lanes::zero(),
         }
@@ -101,7 +100,7 @@ impl<'a, V: Set> Additive<'a, V> {
         n: usize,
         stage: usize,
         h: f64,
-        direct: &Direct<V>,
+        direct: &Direct<V, S>,
         dz: &PerJoint<V>,
         here: &mut Point<V>,
     ) {
@@ -155,7 +154,7 @@ impl<'a, V: Set> Additive<'a, V> {
     }
 }
 
-impl<V: Set> Additive<'_, V> {
+impl<V: Set, S: Arm> Additive<'_, V, S> {
     /// Velocities `dq` with `M (dq - dq*) + w F(dq) = 0`, from `dq*` and a guess. A lane that has found them waits for the others.
     #[inline(always)]
     fn slowed(&mut self, n: usize, w: f64, without: &PerJoint<V>, guess: PerJoint<V>) -> PerJoint<V> {
@@ -215,7 +214,7 @@ impl<V: Set> Additive<'_, V> {
 
 /// `-W^-1 r` by `W = L' D L`, which takes the place of `W`.
 #[inline(always)]
-pub(super) fn solve<V: Set>(n: usize, w: &mut Lower<V>, r: &PerJoint<V>) -> PerJoint<V> {
+pub(super) fn solve<V: Set>(n: usize, w: &mut impl Square<Lanes<V>>, r: &PerJoint<V>) -> PerJoint<V> {
     let mut y = [Lanes::zero(); MAX_DOF];
     for_joints!(j in n => y[j] = -r[j]);
     for_joints!(last in n => {

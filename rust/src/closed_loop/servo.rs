@@ -18,8 +18,8 @@ use super::simulation::{Candidate, SimulationError};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::direct::Direct;
-use crate::model::links::{Links, Lower};
-use crate::robot::arm::for_joints;
+use crate::model::links::Links;
+use crate::robot::arm::{Any, Arm, Square, for_joints};
 
 /// Number of values per joint in the row of a candidate: gains, limit, shift of the reference, initial position and velocity, slope and rate of
 /// its friction, and lead.
@@ -122,7 +122,7 @@ impl<'a, V: Set> ServoLanes<'a, V> {
             beyond: zero,
             sticks: zero,
             last: *dq,
-            matrix: [zero; MAX_DOF],
+            matrix: Square::filled(Lanes::zero(), n),
         });
         Self {
             servos,
@@ -173,13 +173,13 @@ pub(super) struct Soft<V: Set> {
     sticks: PerJoint<V>,
     last: PerJoint<V>,
     /// Memory for the matrix of a Newton step.
-    matrix: Lower<V>,
+    matrix: <Any as Arm>::Square<Lanes<V>>,
 }
 
 impl<V: Set> Soft<V> {
     /// Adds to the accelerations at hand what friction and added inertia make of them at velocities `dq`.
     #[inline(always)]
-    pub(super) fn hold(&mut self, n: usize, dq: &PerJoint<V>, direct: &mut Direct<V>) {
+    pub(super) fn hold<S: Arm>(&mut self, n: usize, dq: &PerJoint<V>, direct: &mut Direct<V, S>) {
         let one = Lanes::splat(1.0);
         let Self { coulomb, slope, rate, added, beyond, sticks, last, matrix } = self;
         let mut free = [Lanes::zero(); MAX_DOF];

@@ -195,12 +195,12 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
             Timing::Digital(digital) => Some((digital, self.sampled(digital))),
         };
         // A local variable, not a field of `self`: the compiler then stores no unused value.
-        let mut direct = Direct::new(&self.geometry);
+        let mut direct = Direct::new(self.simulation.robot, &self.geometry, &self.links);
         let Point { q, dq, .. } = &self.stages.here;
         direct.signs.remembered = Remembered::of(self.simulation.robot, q, dq);
         // The compiler drops what is behind a constant that is false, and nothing less.
         let mut additive =
-            if IMPLICIT { Some(Additive::new(Steep::of(self.simulation.robot, &self.links))) } else { None };
+            IMPLICIT.then(|| Additive::new(self.n(), Steep::of(self.simulation.robot, &self.links)));
         // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
         let end = schedule.end();
         let last =
@@ -228,7 +228,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
                     let time = if IMPLICIT {
-                        Additive::<V>::time(stage, t, segment.step)
+                        Additive::<V, S>::time(stage, t, segment.step)
                     } else {
                         Stages::<V>::time(stage, t, segment.step)
                     };
@@ -255,10 +255,10 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     #[inline(always)]
     fn advance_additive(
         &mut self,
-        additive: Option<&mut Additive<'a, V>>,
+        additive: Option<&mut Additive<'a, V, S>>,
         stage: usize,
         h: f64,
-        direct: &Direct<V>,
+        direct: &Direct<V, S>,
     ) {
         if let Some(additive) = additive {
             additive.advance(self.n(), stage, h, direct, &self.dz, &mut self.stages.here);
@@ -283,7 +283,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
 
     /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
     #[inline(always)]
-    fn evaluate(&mut self, direct: &mut Direct<V>, t: f64, near: bool) {
+    fn evaluate(&mut self, direct: &mut Direct<V, S>, t: f64, near: bool) {
         let Simulation { controller, external, .. } = self.simulation;
         let n = self.n();
         if let Timing::Continuous = controller.timing() {

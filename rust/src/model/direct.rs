@@ -15,17 +15,17 @@ use crate::model::bodies::{Body, Wrench};
 use crate::model::friction::{Drives, Signs};
 use crate::model::inertia::inertia_matrix_lanes;
 use crate::model::inverse::{carry, link_wrenches};
-use crate::model::links::{Links, Lower};
+use crate::model::links::Links;
 use crate::model::motion::State;
-use crate::robot::arm::{Arm, At, Place, inwards, outwards};
+use crate::robot::arm::{Arm, At, Place, Square, inwards, outwards};
 use crate::robot::arm::{for_joints, unrolled};
 use crate::robot::geometry::{Anchor, Frames, Geometry, Pose, Step};
 use crate::robot::parameters::Layout;
 use crate::robot::{Followers, Robot};
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
-#[derive(Debug, Clone, Copy)]
-pub struct Direct<V: Set> {
+#[derive(Debug)]
+pub struct Direct<V: Set, S: Arm> {
     frames: Frames<V>,
     /// The last positions that were not near others.
     anchor: Anchor<V>,
@@ -35,7 +35,11 @@ pub struct Direct<V: Set> {
     /// at hand.
     columns: [Wrench<V>; MAX_DOF],
     /// `L`, unit diagonal not stored.
-    factor: Lower<V>,
+    factor: S::Square<Lanes<V>>,
+    /// Contribution of the rotors to `M`.
+    rotors: S::Square<Lanes<V>>,
+    /// Where joints follow others: `M` of all joints, and that of the driven ones.
+    square: Option<[S::Square<Lanes<V>>; 2]>,
     /// All that the joint at hand carries, its own link included, unless that is all.
     carried: Body<V>,
     /// The same of a joint that carries several branches, as far as they have been added.
@@ -51,17 +55,19 @@ pub struct Direct<V: Set> {
     pub pivots: [Lanes<V>; MAX_DOF],
 }
 
-impl<V: Set> Direct<V> {
+impl<V: Set, S: Arm> Direct<V, S> {
     /// Nothing computed yet.
     #[inline(always)]
-    pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
+    pub fn new(robot: &Robot, geometry: &Geometry<S>, links: &Links<V>) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
         Self {
             frames: Frames::new(geometry),
             anchor: [zero; 3],
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
-            factor: [zero; MAX_DOF],
+            factor: Square::filled(Lanes::zero(), geometry.n()),
+            rotors: links.rotors(robot),
+            square: None,
             carried: Body::none(),
             composites: [Body::none(); MAX_DOF],
             signs: Signs::none(),
@@ -76,7 +82,7 @@ impl<V: Set> Direct<V> {
     /// the last call that was not, as those of the later stages of a step do; only the time depends on how near.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)] // the robot in three parts, and the state
-    pub fn solve<S: Arm>(
+    pub fn solve(
         &mut self,
         geometry: &Geometry<S>,
         drives: &Drives<'_>,
@@ -110,7 +116,7 @@ impl<V: Set> Direct<V> {
         inwards!(S, n, place => {
             let (step, j) = (geometry.step(place), place.index());
             self.columns[j] = self.carried(links, &step, j).unit_wrench(step.form.turns);
-            self.eliminate(place, geometry, step.form.turns, &links.rotors);
+            self.eliminate(place, geometry, step.form.turns);
             if !step.form.root {
                 let (at, parent) = (self.frames.pose(j), step.before(place));
                 columns_inwards(place, &step, at, &mut self.columns[..geometry.end(place)]);
@@ -129,7 +135,7 @@ impl<V: Set> Direct<V> {
     /// The same where joints follow others: `G' M G` by composite bodies, and its factor; velocities and torques of driven joints.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)] // as above
-    fn solve_driven<S: Arm>(
+    fn solve_driven(
         &mut self,
         geometry: &Geometry<S>,
         drives: &Drives<'_>,
@@ -153,9 +159,23 @@ impl<V: Set> Direct<V> {
         for a in 0..driven {
             right[a] = tau[a] + Lanes::splat(external[a]);
         }
-        let mut whole = links.rotors;
-        inertia_matrix_lanes(geometry, links, &self.frames, &mut self.composites, &mut whole);
-        let mut matrix: Lower<V> = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
+        let [mut whole, mut matrix] = self
+            .square
+            .take()
+            .unwrap_or_else(|| [self.rotors.clone(), Square::filled(Lanes::zero(), driven)]);
+        inertia_matrix_lanes(
+            geometry,
+            &links.bodies,
+            &self.rotors,
+            &self.frames,
+            &mut self.composites,
+            &mut whole,
+        );
+        for j in 0..driven {
+            for k in 0..=j {
+                matrix[j][k] = Lanes::zero();
+            }
+        }
         for j in 0..n {
             for &(a, factor) in followers.leaders(j) {
                 right[a] = self.ddq[j].neg_mul_add(Lanes::splat(factor), right[a]);
@@ -180,6 +200,7 @@ impl<V: Set> Direct<V> {
         for j in 0..driven {
             self.substitute(At(j), 0);
         }
+        self.square = Some([whole, matrix]);
     }
 
     /// All that joint `j`, the one at hand, carries.
@@ -191,18 +212,12 @@ impl<V: Set> Direct<V> {
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
     #[inline(always)]
     #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn eliminate<P: Place, S: Arm>(
-        &mut self,
-        place: P,
-        geometry: &Geometry<S>,
-        turns: bool,
-        rotors: &Lower<V>,
-    ) {
+    fn eliminate<P: Place>(&mut self, place: P, geometry: &Geometry<S>, turns: bool) {
         let j = place.index();
         self.ddq[j] -= self.wrenches[j].felt(turns);
         if const { P::FORM.is_some() } {
             unrolled!(K in 5 4 3 2 1 0 => if const { K >= P::INDEX } {
-                let mut entry = rotors[K][j] + self.columns[K].felt(turns);
+                let mut entry = self.rotors[K][j] + self.columns[K].felt(turns);
                 unrolled!(I in 5 4 3 2 1 => if const { I > K } {
                     entry = self.factor[I][K].neg_mul_add(self.scaled[I], entry);
                 });
@@ -212,10 +227,10 @@ impl<V: Set> Direct<V> {
             let end = geometry.end(place);
             // Other branches, where a motor turns with joints of several.
             for k in (end..geometry.fill(j)).rev() {
-                self.reduce(k, j, rotors[k][j], geometry.fill(k));
+                self.reduce(k, j, self.rotors[k][j], geometry.fill(k));
             }
             for k in (j..end).rev() {
-                self.reduce(k, j, rotors[k][j] + self.columns[k].felt(turns), geometry.fill(k));
+                self.reduce(k, j, self.rotors[k][j] + self.columns[k].felt(turns), geometry.fill(k));
             }
         }
         self.pivots[j] = self.scaled[j];
@@ -225,8 +240,9 @@ impl<V: Set> Direct<V> {
     /// Entry `(k, j)` of `M`, less what the joints further out, before `fill`, take from it.
     #[inline(always)]
     fn reduce(&mut self, k: usize, j: usize, mut entry: Lanes<V>, fill: usize) {
-        for i in (k + 1..fill).rev() {
-            entry = self.factor[i][k].neg_mul_add(self.scaled[i], entry);
+        let rows = self.factor.as_ref()[k + 1..fill].iter();
+        for (row, &scaled) in rows.zip(&self.scaled[k + 1..fill]).rev() {
+            entry = row[k].neg_mul_add(scaled, entry);
         }
         self.scale_entry(k, j, entry);
     }
@@ -251,8 +267,9 @@ impl<V: Set> Direct<V> {
                 ddq = self.factor[P::INDEX][I].neg_mul_add(self.ddq[I], ddq);
             });
         } else {
+            let row = &self.factor[j];
             for i in first..j {
-                ddq = self.factor[j][i].neg_mul_add(self.ddq[i], ddq);
+                ddq = row[i].neg_mul_add(self.ddq[i], ddq);
             }
         }
         self.ddq[j] = ddq;
@@ -260,7 +277,7 @@ impl<V: Set> Direct<V> {
 
     /// `M` of the state solved last, from its factors.
     #[inline(always)]
-    pub fn inertia(&self, n: usize, matrix: &mut Lower<V>) {
+    pub fn inertia(&self, n: usize, matrix: &mut impl Square<Lanes<V>>) {
         for_joints!(k in n => {
             matrix[k][k] = self.pivots[k];
             for_joints!(j in n => if j < k {
@@ -344,7 +361,7 @@ impl Kernel for Batch<'_> {
         let n = self.robot.n_dof();
         let drives = Drives::of(self.robot);
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);
-        let (mut result, mut state) = (Direct::new(&geometry), State::zero());
+        let (mut result, mut state) = (Direct::new(self.robot, &geometry, &links), State::zero());
         for (block, out) in self.ddq.chunks_mut(n * V::L).enumerate() {
             // The torques travel in the place of the accelerations, which are what is asked for.
             state.load(n, block * V::L, self.q, self.dq, self.tau);

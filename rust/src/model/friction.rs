@@ -327,11 +327,11 @@ impl<'a> Drives<'a> {
     #[inline(always)]
     pub fn rotors<V: Set>(&self, links: &Links<V>, ddq: &[Lanes<V>; MAX_DOF], tau: &mut [Lanes<V>; MAX_DOF]) {
         for j in 0..self.n.min(MAX_DOF) {
-            tau[j] = links.rotors[j][j].mul_add(ddq[j], tau[j]);
+            tau[j] = links.ia[j].mul_add(ddq[j], tau[j]);
         }
         for coupled in self.coupled {
             let m = coupled.motor;
-            let ia = links.rotors[m][m];
+            let ia = links.ia[m];
             let mut others = Lanes::zero();
             for &(i, c) in &coupled.others {
                 others = ddq[i].mul_add(Lanes::splat(c), others);

@@ -13,30 +13,31 @@ use crate::ground::arrays::check_length;
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::Body;
-use crate::model::links::{Links, Lower};
+use crate::model::links::Links;
 use crate::robot::Robot;
-use crate::robot::arm::{Arm, At};
+use crate::robot::arm::{Any, Arm, At, Square};
 use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::Layout;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// `M(q)` of `L` positions or candidates into `matrix`, whose entries between branches are those of the rotors already.
 #[inline(always)]
-pub(super) fn inertia_matrix_lanes<V: Set, S: Arm>(
+pub(super) fn inertia_matrix_lanes<V: Set, S: Arm, M: Square<Lanes<V>>>(
     geometry: &Geometry<S>,
-    links: &Links<V>,
+    bodies: &[Body<V>; MAX_DOF],
+    rotors: &M,
     frames: &Frames<V>,
     composites: &mut [Body<V>; MAX_DOF],
-    matrix: &mut Lower<V>,
+    matrix: &mut M,
 ) {
     for j in (0..geometry.n()).rev() {
         let step = &geometry.step(At(j));
-        let body = if step.form.leaf { &links.bodies[j] } else { &composites[j] };
+        let body = if step.form.leaf { &bodies[j] } else { &composites[j] };
         let mut wrench = body.unit_wrench(step.form.turns);
         let mut i = j;
         loop {
             let step = &geometry.step(At(i));
-            matrix[j][i] = links.rotors[j][i] + wrench.felt(step.form.turns);
+            matrix[j][i] = rotors[j][i] + wrench.felt(step.form.turns);
             if step.form.root {
                 break;
             }
@@ -45,7 +46,7 @@ pub(super) fn inertia_matrix_lanes<V: Set, S: Arm>(
         }
         if !step.form.root {
             let parent = step.before(At(j));
-            let link = if step.form.joins { &composites[parent] } else { &links.bodies[parent] };
+            let link = if step.form.joins { &composites[parent] } else { &bodies[parent] };
             composites[parent] = body.moved_in(At(j), step, frames.pose(j), link);
         }
     }
@@ -65,14 +66,15 @@ impl Kernel for Batch<'_> {
         let geometry = self.robot.geometry();
         let n = geometry.n();
         let links = Links::<V>::of_one(self.robot, geometry, self.x);
+        let rotors: <Any as Arm>::Square<_> = links.rotors(self.robot);
         let (mut frames, mut q) = (Frames::new(geometry), [Lanes::zero(); MAX_DOF]);
-        let (mut composites, mut matrix) = ([Body::none(); MAX_DOF], links.rotors);
+        let (mut composites, mut matrix) = ([Body::none(); MAX_DOF], rotors.clone());
         for (block, out) in self.matrices.chunks_mut(n * n * V::L).enumerate() {
             for j in 0..n {
                 q[j] = Lanes::gather(self.q, n, block * V::L, j);
             }
             frames.place(geometry, &q);
-            inertia_matrix_lanes(geometry, &links, &frames, &mut composites, &mut matrix);
+            inertia_matrix_lanes(geometry, &links.bodies, &rotors, &frames, &mut composites, &mut matrix);
             for i in 0..n {
                 for j in 0..n {
                     Lanes::scatter(&[matrix[i.max(j)][i.min(j)]], &mut out[i * n + j..], n * n);

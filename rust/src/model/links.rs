@@ -8,13 +8,10 @@ use super::bodies::Body;
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use crate::robot::Robot;
-use crate::robot::arm::{Arm, At, by_twist};
+use crate::robot::arm::{Arm, At, Square, by_twist};
 use crate::robot::friction_terms::MAX_TERMS;
 use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::{FRICTION, IA, Layout};
-
-/// A symmetric matrix on lanes; only entries with `row >= column` are used.
-pub type Lower<V> = [[Lanes<V>; MAX_DOF]; MAX_DOF];
 
 /// The parameters of a candidate as the kernels use them.
 #[derive(Debug, Clone, Copy)]
@@ -27,8 +24,8 @@ pub struct Links<V: Set> {
     pub coupled: [[Lanes<V>; 2]; MAX_DOF],
     /// Parameters of the further terms of friction.
     pub terms: [Lanes<V>; MAX_TERMS],
-    /// Contribution of the rotors to the inertia matrix: `Ia`, and the terms of coupled motors off the diagonal (24).
-    pub rotors: Lower<V>,
+    /// Inertias of the rotors, `Ia`.
+    pub ia: [Lanes<V>; MAX_DOF],
 }
 
 impl<V: Set> Links<V> {
@@ -42,7 +39,7 @@ impl<V: Set> Links<V> {
             friction: [[zero; MAX_DOF]; 4],
             coupled: [[zero; 2]; MAX_DOF],
             terms: [zero; MAX_TERMS],
-            rotors: [[zero; MAX_DOF]; MAX_DOF],
+            ia: [zero; MAX_DOF],
         };
         for j in 0..geometry.n() {
             let block = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
@@ -50,24 +47,36 @@ impl<V: Set> Links<V> {
             for (parameters, &value) in links.friction.iter_mut().zip(&block[FRICTION..]) {
                 parameters[j] = value;
             }
-            links.rotors[j][j] = block[IA];
+            links.ia[j] = block[IA];
         }
         for (parameter, &value) in links.terms.iter_mut().zip(&x[layout.term(0)..]) {
             *parameter = value;
         }
-        for (index, coupled) in robot.coupled().iter().enumerate() {
-            let (m, at) = (coupled.motor, layout.coupled(index));
+        for index in 0..robot.coupled().len() {
+            let at = layout.coupled(index);
             links.coupled[index] = [x[at], x[at + 1]];
-            let ia = x[layout.joint(m) + IA];
-            for (k, &(i, c)) in coupled.others.iter().enumerate() {
-                links.rotors[m.max(i)][m.min(i)] += ia.scale(c);
-                for &(other, factor) in &coupled.others[..k] {
-                    links.rotors[other.max(i)][other.min(i)] += ia.scale(c * factor);
-                }
-            }
         }
         links.regroup(geometry);
         links
+    }
+
+    /// Contribution of the rotors to the inertia matrix: `Ia`, and the terms of coupled motors off the diagonal (24).
+    #[inline(always)]
+    pub fn rotors<M: Square<Lanes<V>>>(&self, robot: &Robot) -> M {
+        let mut rotors = M::filled(Lanes::zero(), robot.n_joints());
+        for j in 0..robot.n_joints().min(MAX_DOF) {
+            rotors[j][j] = self.ia[j];
+        }
+        for coupled in robot.coupled() {
+            let (m, ia) = (coupled.motor, self.ia[coupled.motor]);
+            for (k, &(i, c)) in coupled.others.iter().enumerate() {
+                rotors[m.max(i)][m.min(i)] += ia.scale(c);
+                for &(other, factor) in &coupled.others[..k] {
+                    rotors[other.max(i)][other.min(i)] += ia.scale(c * factor);
+                }
+            }
+        }
+        rotors
     }
 
     /// From plain standard parameters, the same in each lane.

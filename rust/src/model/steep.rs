@@ -4,10 +4,10 @@
 //! Of friction that falls with speed (Stribeck) the level at rest belongs to it, so that what is left of friction is not steep.
 //! Tested in `rust/tests/closed_loop/additive.rs`, and here: its torques are those of the model, its matrix their slopes.
 
-use super::links::{Links, Lower};
+use super::links::Links;
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
-use crate::robot::arm::for_joints;
+use crate::robot::arm::{Square, for_joints};
 use crate::robot::friction_terms::Law;
 use crate::robot::parameters::Layout;
 use crate::robot::{CoupledMotor, Coupling, Robot};
@@ -100,7 +100,14 @@ impl<'a, V: Set> Steep<'a, V> {
 
     /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`.
     #[inline(always)]
-    pub fn add(&self, n: usize, w: f64, dq: &PerJoint<V>, tau: &mut PerJoint<V>, matrix: &mut Lower<V>) {
+    pub fn add(
+        &self,
+        n: usize,
+        w: f64,
+        dq: &PerJoint<V>,
+        tau: &mut PerJoint<V>,
+        matrix: &mut impl Square<Lanes<V>>,
+    ) {
         let one = Lanes::splat(1.0);
         for_joints!(j in n => {
             let s = dq[j].scale(self.steepness[j]).tanh();
@@ -136,6 +143,7 @@ impl<'a, V: Set> Steep<'a, V> {
 mod tests {
     use super::*;
     use crate::ground::lanes::Plain;
+    use crate::robot::arm::{Any, Arm};
     use crate::robot::{Friction, Joint, JointKind};
 
     /// Three joints without inertia and viscous friction, whose last motor turns with all of them.
@@ -159,14 +167,15 @@ mod tests {
         let links = Links::<Plain<1>>::of_one(&robot, robot.geometry(), &x);
         let steep = Steep::of(&robot, &links);
         let zero = [Lanes::zero(); MAX_DOF];
-        let at = |dq: [f64; 3], matrix: &mut Lower<Plain<1>>| {
+        let at = |dq: [f64; 3], matrix: &mut <Any as Arm>::Square<_>| {
             let (mut speeds, mut tau) = (zero, zero);
             speeds[..3].copy_from_slice(&dq.map(Lanes::splat));
             steep.add(3, 0.7, &speeds, &mut tau, matrix);
             [0, 1, 2].map(|j: usize| tau[j].lane(0) / 0.7)
         };
         for dq in [[0.1, -0.2, 0.3], [-0.3, 0.05, -0.1], [0.02, 0.2, -0.4]] {
-            let (mut matrix, mut spare) = ([zero; MAX_DOF], [zero; MAX_DOF]);
+            let (mut matrix, mut spare) =
+                (Square::filled(Lanes::zero(), 3), Square::filled(Lanes::zero(), 3));
             let found = at(dq, &mut matrix);
             let mut want = [0.0; 3];
             let still = [0.0; 3];

@@ -6,6 +6,8 @@
 //! docs/performance.md, "What was tried"; `rust/tests/closed_loop/shapes.rs` tests that the results are the same to the bit.
 
 use crate::ground::arrays::MAX_DOF;
+use std::fmt::Debug;
+use std::ops::IndexMut;
 
 /// Code of `alpha = 0`.
 pub const ZERO: u8 = 0;
@@ -138,6 +140,34 @@ pub trait Arm: Copy {
     const FORMS: Option<[StepForm; SIX]>;
     /// Are they known?
     const KNOWN: bool = Self::FORMS.is_some();
+    /// A matrix of its joints.
+    type Square<T: Copy + Debug>: Square<T>;
+}
+
+/// A square matrix, row by row; of a symmetric one only entries with `row >= column` are used.
+pub trait Square<T>: Clone + Debug + IndexMut<usize, Output = Self::Row> + AsRef<[Self::Row]> {
+    /// A row.
+    type Row: IndexMut<usize, Output = T>;
+    /// Of `n` rows, the same in all entries.
+    fn filled(value: T, n: usize) -> Self;
+}
+
+/// Of the arms with specialised kernels: without an allocation, and without a look at the number of rows.
+impl<T: Copy + Debug> Square<T> for [[T; SIX]; SIX] {
+    type Row = [T; SIX];
+    #[inline(always)]
+    fn filled(value: T, _: usize) -> Self {
+        [[value; SIX]; SIX]
+    }
+}
+
+/// Of any robot: as arrays those of the largest ones would fill the stack of a thread.
+impl<T: Copy + Debug> Square<T> for Vec<[T; MAX_DOF]> {
+    type Row = [T; MAX_DOF];
+    #[inline(always)]
+    fn filled(value: T, n: usize) -> Self {
+        vec![[value; MAX_DOF]; n]
+    }
 }
 
 /// Any robot.
@@ -146,6 +176,7 @@ pub struct Any;
 
 impl Arm for Any {
     const FORMS: Option<[StepForm; SIX]> = None;
+    type Square<T: Copy + Debug> = Vec<[T; MAX_DOF]>;
 }
 
 /// A joint of a kernel: where it is, and what of it is known when the kernel is compiled.
@@ -225,6 +256,7 @@ impl Arm for Elbow {
         &[BASE, 0, 1, 2, 3, 4],
         SIX,
     ));
+    type Square<T: Copy + Debug> = [[T; SIX]; SIX];
 }
 
 /// Runs `$body` with the constant `$t` for the twist of `$step`: each kind is compiled by itself, or only the known one.

@@ -21,8 +21,8 @@
 //! `s(dq)` is the sign of the Coulomb friction, with its smoothing and dead zone. Each column has one parameter. Identity that
 //! tests them: `W x` equals the inverse model, and the direct model undoes it (`model/friction_terms.rs`).
 
-/// Largest number of friction terms of a robot: five at each joint.
-pub const MAX_TERMS: usize = 60;
+/// Largest number of friction terms of a robot: one at each joint of the largest, such as a spring, and some more.
+pub const MAX_TERMS: usize = 120;
 
 /// How the torque of a term follows from the speed of its joint.
 #[derive(Debug, Clone, PartialEq)]

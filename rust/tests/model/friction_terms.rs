@@ -214,6 +214,6 @@ fn terms_that_cannot_be_are_named() {
     assert!(message(vec![term(1, "Fl", Law::Load), term(1, "Fl", Law::Load)], false).contains("twice"));
     assert_eq!(
         message(vec![term(0, "Fa", Law::Root); MAX_TERMS + 1], false),
-        "friction has at most 60 further terms, got 61"
+        "friction has at most 120 further terms, got 121"
     );
 }

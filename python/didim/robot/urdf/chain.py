@@ -158,7 +158,7 @@ def choose_chain(
     Raises
     ------
     RobotError
-        For an unknown name, no moving joint or more than 40, and unsupported joint types on the path to a `tip`.
+        For an unknown name, no moving joint or more than `MOST_JOINTS`, and unsupported joint types on the path to a `tip`.
     """
     where = description.where
     lock = dict(lock or {})
@@ -181,8 +181,6 @@ def choose_chain(
     if path is None:
         raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
     moving = [joint for joint in path if _free(joint, lock)]
-    if tip == WHOLE:
-        moving = _heaviest(description, moving)
     mimics = _mimics(joints, moving, lock)
     moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
     _check_joints(description, moving)
@@ -226,22 +224,6 @@ def _branches(description: Description, base: str) -> list[UrdfJoint]:
         tree.append(waiting.pop())
         waiting += reversed(description.outgoing.get(tree[-1].child, ()))
     return tree
-
-
-def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoint]:
-    """Return at most 40 joints: the outermost ones with the lightest load, as of fingers and wheels, are dropped."""
-    if len(moving) <= MOST_JOINTS:
-        return moving
-    mass: dict[str, float] = {}
-    for link in reversed(description.order):
-        own = description.links[link]
-        mass[link] = (own.mass if own is not None else 0.0) + sum(
-            mass[joint.child] for joint in description.outgoing.get(link, ())
-        )
-    # A joint carries more than those behind it; of equal loads the last joint of the file is dropped first.
-    order = sorted(range(len(moving)), key=lambda k: (-mass[moving[k].child], k))
-    numbers = sorted(order[:MOST_JOINTS])
-    return [moving[k] for k in numbers]
 
 
 def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:

@@ -63,24 +63,41 @@ def read_description(data: bytes, where: str) -> Description:
         kinds = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "a part that an MJCF includes"}
         kind = kinds.get(outermost.tag, f"<{outermost.tag}>")
         raise RobotError(f"{where}: this is {kind}, a URDF has <robot> outermost")
-    macros = [
-        child.tag
-        for child in outermost.children
-        if child.tag.startswith("xacro:") and child.tag not in EXPANDED
-    ]
-    if not macros:
+    beside, within = _macros(outermost)
+    if not beside and not within:
         return _tree(outermost, where)
     try:
-        description = _tree(outermost, where)
+        description = None if within else _tree(outermost, where)
     except RobotError:
         description = None
     complete = description is not None and len(description.links) == len(description.joints) + 1
     if description is None or not complete or not any(j.kind in MOVING for j in description.joints.values()):
         raise RobotError(
-            f"{where}: it has xacro macros ({macros[0]}); expand it first: xacro {where} > arm.urdf"
+            f"{where}: it has xacro macros ({[*within, *beside][0]}); expand it first: xacro {where} > arm.urdf"
         )
-    note = f"xacro macros that were not expanded are left out: {series(dict.fromkeys(macros), 60)}"
+    note = f"xacro macros that were not expanded are left out: {series(dict.fromkeys(beside), 60)}"
     return replace(description, notes=(*description.notes, note))
+
+
+def _macros(outermost: Element) -> tuple[list[str], list[str]]:
+    """Return the xacro elements beside all that a robot is made of, and those that may stand for a value of it.
+
+    A link with an ``<inertial>`` needs no more; what is in its shapes has no part in a robot.
+    """
+    beside: list[str] = []
+    within: list[str] = []
+    for part in outermost.children:
+        whole = part.tag not in ("link", "joint") or part.find("inertial") is not None
+        waiting = [part] if part.tag.startswith("xacro:") else part.children * (part.tag in ("link", "joint"))
+        for top in waiting:
+            found = beside if whole and top.tag != "inertial" else within
+            below = [top]
+            for element in below:  # which grows meanwhile
+                if element.tag.startswith("xacro:"):
+                    found += [element.tag] * (element.tag not in EXPANDED)
+                elif element.tag not in ("visual", "collision"):
+                    below += element.children
+    return beside, within
 
 
 def _tree(outermost: Element, where: str) -> Description:

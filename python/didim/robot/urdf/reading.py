@@ -24,7 +24,7 @@ from ..friction import Friction, FrictionTerm
 from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
-from ..robot import MOST_JOINTS, Geometry, Robot
+from ..robot import Geometry, Robot
 from ..transmission import SOFTNESS, Follower
 from .chain import WHOLE, Chain, Member, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
@@ -223,12 +223,7 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
         names = [f"{name} (of {joints[name].mimic})" for name in stand]
         notes.append(f"fixed, because they follow joints that are locked or do not exist: {series(names)}")
     free = [name for name in free if name not in stand]
-    if free and chain.tip == WHOLE:
-        notes.append(
-            f"held at zero, as a robot has at most {MOST_JOINTS} joints, those that carry least: {series(free, 70)} "
-            "(--lock, --base and --tip choose others)"
-        )
-    elif free:
+    if free:
         notes.append(
             f"the chain ends at link {chain.tip}; locked at 0: {series(free, 60)} (--tip LINK takes more of the tree, "
             "--lock JOINT=VALUE locks elsewhere)"
