@@ -354,6 +354,16 @@ def test_the_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "gravity" not in told.out + told.err
     again = didim.load_robot(out, snap=0.0)
     assert difference(again, again.parameter_set("mjcf"), out.read_text()) < 1e-12
+    as_it_is = mujoco.MjModel.from_xml_path(str(out))
+    assert (
+        main(["export", fit, "--robot", own, "--mjcf", own, "--for-step", "0.004", "-o", str(out), "--force"])
+        == 0
+    )
+    capsys.readouterr()
+    step = mujoco.MjModel.from_xml_path(str(out))
+    damping = np.ravel(as_it_is.dof_damping)[: as_it_is.nv]
+    np.testing.assert_allclose(step.dof_armature, as_it_is.dof_armature - 0.002 * damping)
+    np.testing.assert_array_equal(step.body_inertia, as_it_is.body_inertia)
     # Another mechanism with these joints gets the drives.
     other = folder / "other.xml"
     other.write_text(SEVERAL.replace('axis="1 0 0" pos', 'axis="1 0.01 0" pos'))
