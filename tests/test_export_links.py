@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,8 @@ import didim
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.export.consistent import consistent_parameters, inertial_of, links_between, without_links_between
+from didim.export.drives import Drives, JointDrive
+from didim.export.mjcf_edit import edit_mjcf
 from didim.export.source import Source
 from didim.export.write import into_mjcf
 from didim.robot.robot import Robot
@@ -264,6 +267,29 @@ def test_joints_that_follow_others_and_tendons_of_one_joint(tmp_path: Path) -> N
         FitError, match=r"rotor inertia of joint 'bend' without that of its tendons is -0\.005"
     ):
         written(robot, x, tmp_path / "own.xml")
+    x[[robot.parameter_names.index(name) for name in ("Ia2", "Ks2")]] = 0.5
+    with pytest.raises(FitError, match=r"stiffness of the spring of joint 'bend' without .* is -0\.25"):
+        written(robot, x, tmp_path / "own.xml")
+
+
+def test_drives_alone_leave_the_tendon_of_a_wrist_its_share(tmp_path: Path) -> None:
+    packaged = didim.load_robot("tx40")
+    coupling = [list(row) for row in packaged.geometry.coupling]
+    coupling[5][4] = 2.0
+    geometry = replace(packaged.geometry, coupling=tuple(map(tuple, coupling)))
+    packaged = replace(packaged, geometry=geometry)
+    robot = loaded(tmp_path, didim.export.to_mjcf(packaged, wrist_parameters(packaged, 0)))
+    x = dict(zip(robot.parameter_names, robot.parameter_set("mjcf").tolist(), strict=True))
+    assert x["Fcm6"] > 0.0
+    drives = [
+        JointDrive(joint=name, kind="revolute", rotor=x[f"Ia{j}"], viscous=x[f"Fv{j}"], coulomb=x[f"Fc{j}"])
+        for j, name in enumerate(robot.joint_names, start=1)
+    ]
+    file = (tmp_path / "own.xml").read_text()
+    assert edit_mjcf(Drives(tuple(drives)), tmp_path / "own.xml")[0].decode() == file
+    more = Drives((*drives[:4], replace(drives[4], coulomb=drives[4].coulomb + 1.0), drives[5]))
+    model = mujoco.MjModel.from_xml_string(edit_mjcf(more, tmp_path / "own.xml")[0].decode())
+    np.testing.assert_allclose(model.dof_frictionloss[4], x["Fc5"] + 1.0)
 
 
 OTHERS = [
@@ -328,6 +354,16 @@ def test_the_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "gravity" not in told.out + told.err
     again = didim.load_robot(out, snap=0.0)
     assert difference(again, again.parameter_set("mjcf"), out.read_text()) < 1e-12
+    as_it_is = mujoco.MjModel.from_xml_path(str(out))
+    assert (
+        main(["export", fit, "--robot", own, "--mjcf", own, "--for-step", "0.004", "-o", str(out), "--force"])
+        == 0
+    )
+    capsys.readouterr()
+    step = mujoco.MjModel.from_xml_path(str(out))
+    damping = np.ravel(as_it_is.dof_damping)[: as_it_is.nv]
+    np.testing.assert_allclose(step.dof_armature, as_it_is.dof_armature - 0.002 * damping)
+    np.testing.assert_array_equal(step.body_inertia, as_it_is.body_inertia)
     # Another mechanism with these joints gets the drives.
     other = folder / "other.xml"
     other.write_text(SEVERAL.replace('axis="1 0 0" pos', 'axis="1 0.01 0" pos'))

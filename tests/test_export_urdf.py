@@ -273,3 +273,26 @@ def test_a_link_with_a_name_for_comments(tmp_path: Path) -> None:
     assert b"<!-- inertial: part of link hand- -? -->" in content
     path.write_bytes(content)
     assert didim.load_robot(path).n_dof == 3
+
+
+def test_a_link_between_joints_without_mass_stays_so(tmp_path: Path) -> None:
+    body = '<inertial><mass value="{}"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial>'
+    links = f'<link name="base"/><link name="cross"/><link name="arm">{body.format(2.0)}</link>'
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="{above}"/><child link="{below}"/><axis xyz="{axis}"/></joint>'
+        for name, above, below, axis in (("pan", "base", "cross", "0 0 1"), ("tilt", "cross", "arm", "0 1 0"))
+    )
+    text = f'<robot name="head">{links}{joints}</robot>'
+    (tmp_path / "head.urdf").write_text(text)
+    robot = didim.load_robot(tmp_path / "head.urdf")
+    x = 1.5 * robot.parameter_set("urdf")
+    content = didim.export.to_urdf(robot, x, tmp_path / "head.urdf").decode()
+    assert '<link name="cross"/>' in content
+    motion = random_motion(np.random.default_rng(2), 20, 2)
+    state = motion.q, motion.dq, motion.ddq
+    found = pinocchio_torques(pinocchio_model(content, robot.joint_names), robot.joint_names, *state)
+    np.testing.assert_allclose(found, didim.inverse_dynamics(robot, *state, x), rtol=1e-10, atol=1e-10)
+    # One that is not carried by another, or has an element of its own, has to be a body.
+    x[[robot.parameter_names.index(name) for name in ("XX2", "YY2", "ZZ2", "M2")]] = 0.0
+    with pytest.raises(FitError, match=r"link 'arm' is not a body: its mass is 0 kg"):
+        didim.export.to_urdf(robot, x, tmp_path / "head.urdf")

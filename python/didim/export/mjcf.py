@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
-from ..robot.rigid_body import central, inverse, quaternion
+from ..robot.rigid_body import inverse, quaternion
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
-from .numbers import attributes, number, numbers
+from .numbers import attributes, inertial, number, numbers
 
 
 def to_mjcf(robot: Robot, x: ArrayLike) -> str:
@@ -113,13 +113,12 @@ def _joint(link: LinkBody, frame: Array, rotor: float, viscous: float, coulomb: 
 
 
 def _body(link: LinkBody, pose: Array, joints: list[str]) -> list[str]:
-    mass, centre, inertia = central(link.pseudo)
-    entries = [inertia[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    own = "".join(f' {key}="{value}"' for key, value in inertial(link.pseudo).items())
     return [
         f'<body name={quoteattr(link.link)} pos="{numbers(pose[:3, 3])}" '
         f'quat="{numbers(quaternion(pose[:3, :3]))}">',
         *joints,
-        f'  <inertial pos="{numbers(centre)}" mass="{number(mass)}" fullinertia="{numbers(entries)}"/>',
+        f"  <inertial{own}/>",
     ]
 
 

@@ -136,23 +136,26 @@ def _alone(drive: JointDrive, elements: MjcfElements, chain: Chain, *, motors: b
     names = [joint.name for joint in chain.driven]
     if drive.joint not in names:
         return drive
-    j, shares = names.index(drive.joint), shares_of(chain, elements.description.tendons)
+    tendons = elements.description.tendons
+    j, shares, own = names.index(drive.joint), shares_of(chain, tendons), shares_of(chain, ()).springs
     taken = shares.drives[:, j].copy()
     for motor, share in shares.motors.items() if motors else ():
-        taken += share * np.power(np.abs(shares.coupling[motor, j]), (2, 2, np.inf))
-    left = dict(zip(DRIVE, np.array([getattr(drive, key) for key in DRIVE]) - taken, strict=True))
+        taken[:2] += share[:2] * shares.coupling[motor, j] ** 2
+        taken[2] += share[2] * (motor == j)
+    stiffness, torque = np.subtract(shares.springs.get(j, (0.0, 0.0)), own.get(j, (0.0, 0.0))).tolist()
+    less = dict(zip(DRIVE, taken.tolist(), strict=True)) | (
+        {"stiffness": stiffness} if drive.stiffness else {}
+    )
+    left = {key: getattr(drive, key) - share for key, share in less.items()}
     for key, value in left.items():
         if value < -SAME * getattr(drive, key):
             raise FitError(
                 f"{WORDS[key]} of joint {drive.joint!r} without that of its tendons is {value:.4g}; make theirs smaller"
             )
-    own, all_springs = (shares_of(chain, tendons).springs for tendons in ((), elements.description.tendons))
-    more = np.subtract(all_springs.get(j, (0.0, 0.0)), own.get(j, (0.0, 0.0)))
-    stiffness = drive.stiffness - float(more[0]) if drive.stiffness else 0.0
-    rest = (drive.stiffness * drive.rest + float(more[1])) / stiffness if stiffness > 0.0 else 0.0
-    return replace(
-        drive, stiffness=max(stiffness, 0.0), rest=rest, **{k: max(v, 0.0) for k, v in left.items()}
-    )
+    drive = replace(drive, **{key: max(value, 0.0) for key, value in left.items()})
+    if not drive.stiffness:
+        return drive
+    return replace(drive, rest=((drive.stiffness + stiffness) * drive.rest + torque) / drive.stiffness)
 
 
 def _tendon_edits(elements: MjcfElements, shares: Shares, motor: CoupledMotor) -> list[Edit]:

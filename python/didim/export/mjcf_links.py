@@ -20,7 +20,7 @@ from ..robot.urdf.reading import LARGEST_DIFFERENCE
 from ..robot.urdf.tendons import Shares
 from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, attributes_out, first_child
 from .bodies import ExportModel
-from .numbers import number, numbers
+from .numbers import inertial, numbers
 
 SAME = 1e-10
 """Largest relative difference of two equal values, whose digits the file then keeps: frames that are far away cost some."""
@@ -167,16 +167,12 @@ def _compiler_edits(elements: MjcfElements, pseudos: Mapping[str, Array]) -> lis
 
 def _inertial(body: Element, pseudo: Array) -> list[Edit]:
     """Return the changes that give a body an inertia; a body without one is empty."""
-    mass, centre, inertia = central(pseudo) if pseudo.any() else (0.0, np.zeros(3), np.zeros((3, 3)))
-    entries = [inertia[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    shape = ("fullinertia", numbers(entries)) if mass else ("diaginertia", "0 0 0")
-    values = {"pos": numbers(centre), "mass": number(mass), shape[0]: shape[1]}
-    old = body.find("inertial")
+    values, old = inertial(pseudo), body.find("inertial")
     if old is None:
         words = " ".join(f'{key}="{value}"' for key, value in values.items())
         return [first_child(body, [f"<inertial {words}/>"])]
-    other = {"fullinertia": "diaginertia", "diaginertia": "fullinertia"}[shape[0]]
-    replaced = "" if shape[0] in old.attributes else other
-    edits = [attribute_edit(old, key, values[key]) for key in ("pos", "mass")]
-    edits.append(attribute_edit(old, *shape, replaced))
-    return edits + attributes_out(old, [*TURNED, *([] if replaced else [other])])
+    (*_, shape), shapes = values, {"fullinertia", "diaginertia"} & set(old.attributes)
+    edits = [
+        attribute_edit(old, key, value, *(shapes if key == shape else ())) for key, value in values.items()
+    ]
+    return edits + attributes_out(old, TURNED)
