@@ -71,6 +71,7 @@ pub(super) struct Loop<'a, V: Set, S> {
 
 impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     #[inline(always)]
+    #[allow(clippy::large_stack_arrays)] // a small part of the loop
     pub(super) fn new(
         simulation: Simulation<'a>,
         geometry: &Geometry<S>,

@@ -240,9 +240,10 @@ impl<V: Set, S: Arm> Direct<V, S> {
     /// Entry `(k, j)` of `M`, less what the joints further out, before `fill`, take from it.
     #[inline(always)]
     fn reduce(&mut self, k: usize, j: usize, mut entry: Lanes<V>, fill: usize) {
-        let rows = self.factor.as_ref()[k + 1..fill].iter();
-        for (row, &scaled) in rows.zip(&self.scaled[k + 1..fill]).rev() {
-            entry = row[k].neg_mul_add(scaled, entry);
+        // The compiler sees that `i` is within the rows.
+        let rows = &self.factor.as_ref()[..fill];
+        for i in (k + 1..fill).rev() {
+            entry = rows[i][k].neg_mul_add(self.scaled[i], entry);
         }
         self.scale_entry(k, j, entry);
     }

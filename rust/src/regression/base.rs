@@ -13,9 +13,9 @@
 use super::symbols::{Dictionary, SNAP, number, twin};
 use crate::model::regressor::regressor_under_load;
 use crate::regression::least_squares::{self, Dependence, LeastSquaresError};
-use crate::robot::Robot;
 use crate::robot::friction_terms::{Law, Term as FrictionTerm};
 use crate::robot::parameters::{Layout, Owner};
+use crate::robot::{Followers, Robot};
 use faer::Mat;
 
 /// A column is dependent when what is left of it, scaled to unit norm, is below this. Rounding leaves up to 2e-10 of a column whose
@@ -116,9 +116,13 @@ fn is_hidden(robot: &Robot, term: &FrictionTerm) -> bool {
 fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     let n = robot.n_dof();
     let p = Layout::of(robot).count();
-    // All that follows a joint is seen in its row alone.
-    let rows = if robot.followers().is_some() { 1 } else { n };
-    let samples = p * STATES_PER_PARAMETER / rows + 8;
+    // All that follows a joint is seen in its row, perhaps alone: as many states more as joints share a row.
+    let sharing = |followers: &Followers, leader: usize| {
+        let follows = |&joint: &usize| followers.leaders(joint).iter().any(|&(other, _)| other == leader);
+        (0..robot.n_joints()).filter(follows).count()
+    };
+    let most = robot.followers().and_then(|all| (0..n).map(|leader| sharing(all, leader)).max()).unwrap_or(1);
+    let samples = p * STATES_PER_PARAMETER * most / robot.n_joints() + 8;
     let (samples, flat) = regressor_of_states(robot, samples);
     let limbs = limbs(&flat, n, p);
     let zeros = (0..p).filter(|column| limbs.iter().all(|(_, columns)| !columns.contains(column)));

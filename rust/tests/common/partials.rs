@@ -98,6 +98,7 @@ pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) ->
     found
 }
 
+#[allow(clippy::large_stack_arrays)] // in tests alone
 fn partials_of_joints(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> Partials {
     let n = robot.n_joints();
     let layout = Layout::of(robot);
