@@ -20,7 +20,7 @@ OWN: dict[Literal["offset", "friction"], tuple[str, tuple[str, ...]]] = {
     "offset": ("offsets", ("Off",)),
     "friction": ("friction", ("Fv", "Fc")),
 }
-"""What a recording may have of its own, by kind: its name in the file, and the kinds of its parameters."""
+"""Name in the file and kinds of parameters of what a recording may have of its own, by kind."""
 
 
 def model_of(
