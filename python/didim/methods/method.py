@@ -180,8 +180,8 @@ class MethodSettings:
         friction = robot.friction
         if model.n_gains and (friction.has_load or friction.open or self.friction == "auto"):
             raise FitError(
-                "load friction, velocities of friction laws and the choice of terms need torques, and recordings have currents "
-                "whose drive gains are unknown: identify the laws with known gains, and write them into [friction]"
+                "load friction, velocities of laws and the choice of terms need torques, and recordings have currents whose "
+                "drive gains are unknown: identify the laws with known gains"
             )
         return model
 
