@@ -190,6 +190,17 @@ fn drawn(joints: &[Drawn], zone: f64, smoothing: f64, asymmetric: bool) -> Robot
     Robot::new(joints.iter().map(joint).collect(), [0.0, 0.0, -9.81], &identity, friction).unwrap()
 }
 
+/// A dead zone tells the weight of a slide along gravity from friction that differs by direction; a sign that is kept has none.
+#[test]
+fn a_sign_that_is_kept_through_rest_has_no_dead_zone() {
+    let count = |zone, held| {
+        let robot = drawn(&[(true, 0, false, false, held)], zone, 0.0, true);
+        base_parameters(&robot).unwrap().kept.len()
+    };
+    assert_eq!(count(0.1, true), count(0.0, false));
+    assert_eq!(count(0.1, false), count(0.0, false) + 1);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
