@@ -36,7 +36,6 @@ from didim.regression.least_squares import solve
 from didim.regression.settings import LeastSquaresSettings
 from didim.terms.model import Model
 from didim.terms.rows import LinearSystem
-from didim.terms.unknown import Unknowns
 
 Array = NDArray[np.float64]
 
@@ -163,21 +162,21 @@ def random_problems(count: int, seed: int = 0) -> Iterator[Problem]:
 class Seen:
     """A solver that keeps the systems that it is given."""
 
-    found: list[tuple[didim.Robot, Unknowns, LinearSystem]]
+    found: list[tuple[Model, LinearSystem]]
 
-    def for_robot(self, robot: didim.Robot, selection: Unknowns) -> Callable[..., Fit]:
-        """Return the solver for a robot."""
+    def for_model(self, model: Model) -> Callable[..., Fit]:
+        """Return the solver for a model."""
 
         def seen(
             system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
         ) -> Fit:
-            self.found.append((robot, selection, system))
+            self.found.append((model, system))
             return solve(system, settings, progress)
 
         return seen
 
 
-def real_logs(data: Path) -> Iterator[tuple[str, didim.Robot, Unknowns, Array, Array]]:
+def real_logs(data: Path) -> Iterator[tuple[str, Model, Array, Array]]:
     """Return rows (n, samples, b) and torques (n, samples) of the public logs."""
     for name, folder in (("tx40_log_best", "tx40"), ("emps", "emps"), ("ur10e_currents", "ur10e")):
         experiment = didim.load_experiment(EXAMPLES / f"{name}.toml", data=data / folder)
@@ -187,14 +186,14 @@ def real_logs(data: Path) -> Iterator[tuple[str, didim.Robot, Unknowns, Array, A
             experiment = replace(experiment, recordings=(recording.with_gains(np.array(known)),))
         seen = Seen([])
         didim.identify(experiment, didim.IDIMLS(solver=seen, compensate_samples=0))
-        robot, unknowns, system = seen.found[-1]
-        n = robot.n_dof
-        yield folder, robot, unknowns, system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1)
+        model, system = seen.found[-1]
+        n = model.own.n_dof
+        yield folder, model, system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1)
 
 
 def real_problems(data: Path) -> Iterator[Problem]:
     """Return problems of the public logs: parts, priors, weights, conditions, reversed torques."""
-    for name, robot, unknowns, w, y in real_logs(data):
+    for name, model, w, y in real_logs(data):
         n, samples = y.shape
         parts = {"whole": (0, samples)}
         parts |= {f"third {k + 1}": (k * samples // 3, (k + 1) * samples // 3) for k in range(3)}
@@ -206,11 +205,9 @@ def real_problems(data: Path) -> Iterator[Problem]:
                 tau[fault] *= -1.0
             triangle, right = weighted(w[:, first:last].reshape(-1, w.shape[2]), tau.reshape(-1), n)
             for gamma in GAMMAS:
-                prior = scaled(generic_prior(robot), float(rng.choice([0.1, 1.0, 1.0, 10.0])))
+                prior = scaled(generic_prior(model.own), float(rng.choice([0.1, 1.0, 1.0, 10.0])))
                 chosen = simulability(rng, n)
-                problem = ConstrainedProblem(
-                    Model(robot, roles=unknowns.assigned), prior, gamma, None, chosen
-                )
+                problem = ConstrainedProblem(model, prior, gamma, None, chosen)
                 step = "" if chosen is None else f", steps of {chosen.step_s:g} s"
                 wrong = "" if fault is None else f", torque {fault + 1} reversed"
                 noise = float(rng.choice([0.0, 1.0])) * rng.normal(size=right.shape)

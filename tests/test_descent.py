@@ -1,4 +1,4 @@
-"""Gauss-Newton steps that never raise the cost."""
+"""Gauss-Newton steps that are halved while they raise the cost."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from didim.regression.descent import HALVINGS, descend
+from didim.regression.descent import LENGTHS, descend
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ def test_a_step_that_only_circles_ends() -> None:
     assert (abs(point.value - 1.0), steps, settled) == (1.0, 7, False)
 
 
-def test_a_step_that_only_rises_becomes_as_small_as_rounding() -> None:
+def test_a_step_that_only_rises_is_taken_at_its_last_length() -> None:
     start = Number(2.0, factor=-1.0)
     point, steps, settled = descend(start, 1)
-    assert len(start.seen) == HALVINGS
-    assert point.value == pytest.approx(2.0, abs=2.0 ** (1 - HALVINGS))
+    assert len(start.seen) == LENGTHS
+    assert point.value == pytest.approx(2.0, abs=2.0 ** (1 - LENGTHS))
     assert (steps, settled) == (1, False)
 
 

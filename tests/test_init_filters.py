@@ -141,7 +141,7 @@ def derivatives(recording: Recording) -> tuple[Array, Array]:
 
 def test_the_reason_says_what_was_compared(clean: Recording) -> None:
     filters = choose_filters(ROBOT, [clean], comparable=True)
-    assert "held-out torque error, mean of joints, " in filters.reason
+    assert "held-out torque error, rms over joints, " in filters.reason
     assert filters.signal.cutoff_hz in [cutoff for cutoff, _ in filters.errors]
     without = choose_filters(ROBOT, [replace(clean, tau=None)], comparable=False)
     assert without.reason.endswith("cut-offs were not compared")

@@ -123,7 +123,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
-    reason = f"{moves}; held-out torque error, mean of joints, {left} % at {tried} Hz"
+    reason = f"{moves}; held-out torque error, rms over joints, {left} % at {tried} Hz"
     chosen = signal(cutoff, cutoff)
     return Filters(chosen, reason, errors, relative_error(robot, recordings, chosen))
 

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps on what rows depend on nonlinearly, none of which raises the cost: drive gains, delays, velocities of laws.
+"""Gauss-Newton steps on what rows depend on nonlinearly: drive gains, delays, velocities of friction laws.
 
 Tested in ``tests/test_descent.py``.
 """
@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Protocol, Self, TypeVar
 
-HALVINGS = 12
-"""Largest number of times a step is halved while it raises the cost: what is left is a thousandth of it, which is rounding."""
+LENGTHS = 12
+"""Largest number of lengths of a step that are tried, each half of the one before; the last is taken whatever its cost."""
 ROUNDING = 1e-9
 """Rise of the cost, as a share of it, that counts as none."""
 
@@ -52,7 +52,7 @@ def descend(start: P, most: int) -> tuple[P, int, bool]:
     point = start
     for number in range(1, most + 1):
         share = 1.0
-        for _ in range(HALVINGS):
+        for _ in range(LENGTHS):
             there = point.moved(share)
             if there.cost <= point.cost + ROUNDING * abs(point.cost):
                 break

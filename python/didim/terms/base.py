@@ -100,10 +100,6 @@ class Base:
         """Return the columns of the unknowns in a window, (n_dof, n_rows, b)."""
         return at.kernel(window)
 
-    def known(self, window: Window, at: At) -> Array | None:
-        """Return torque without unknowns: none."""
-        return None
-
 
 def dropped_names(dropped: Iterable[str]) -> tuple[str, ...]:
     """Check names of parameters to drop.

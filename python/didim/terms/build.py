@@ -14,7 +14,7 @@ from ..robot.correspondence import Pose
 from ..robot.payload import NOTHING, Payload, payload_columns
 from ..robot.robot import Robot
 from .model import Model
-from .share import ColumnBlock, Share, independent, payload_shares
+from .share import ColumnBlock, Share, independent, payload_share
 
 OWN: dict[Literal["offset", "friction"], tuple[str, tuple[str, ...]]] = {
     "offset": ("offsets", ("Off",)),
@@ -78,13 +78,11 @@ def _payloads(
                 f"[payload.{recording.payload}]{did_you_mean(recording.payload, payloads)}"
             )
         used.setdefault(recording.payload, []).append(number)
-    return [
-        share
+    shares = [
+        payload_share(robot, payloads[name], numbers, payload_columns(robot, payloads[name], flange))
         for name, numbers in used.items()
-        for share in payload_shares(
-            robot, payloads[name], numbers, payload_columns(robot, payloads[name], flange)
-        )
     ]
+    return [share for share in shares if share is not None]
 
 
 def _own(

@@ -30,7 +30,7 @@ from .unknown import Role, Unknown, Unknowns
 
 
 class Term(Protocol):
-    """A part of the torque: what it adds along a window, by its unknowns and without them."""
+    """A part of the torque that is linear in its unknowns."""
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -38,9 +38,6 @@ class Term(Protocol):
 
     def columns(self, window: Window, at: At) -> Array:
         """Return the derivative of the torque by the unknowns in the rows of a window, (n_dof, n_rows, k)."""
-
-    def known(self, window: Window, at: At) -> Array | None:
-        """Return its torque without unknowns, (n_dof, n_rows), if there is any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,7 @@ class Model:
         return replace(self, roles=roles_of(self.own, fixed, dropped))
 
     def with_robot(self, robot: Robot) -> Model:
-        """Return the model of another robot, with all or some of the same standard parameters.
+        """Return the model of another robot, whose shares keep the standard parameters of the same names.
 
         Raises
         ------
@@ -260,14 +257,11 @@ class Model:
         with np.errstate(over="ignore", invalid="ignore"):  # the caller reports it
             known = w @ self.unknowns.values
             if self.has_known:
-                parts = np.zeros((self.own.n_dof, sum(counts)))
-                stops = np.cumsum(counts)
-                for window, count, stop in zip(windows, counts, stops, strict=True):
-                    for term in self.terms:
-                        part = term.known(window, at)
-                        if part is not None:
-                            parts[:, stop - count : stop] += part
-                known = known + parts.reshape(-1)
+                parts = [np.zeros((self.own.n_dof, count)) for count in counts]
+                for share in self.shares:
+                    for window, part in zip(windows, parts, strict=True):
+                        part += share.known(window, at)
+                known = known + np.concatenate(parts, axis=1).reshape(-1)
         return known
 
 

@@ -91,10 +91,10 @@ class Share:
             return np.zeros((*at.kernel(window).shape[:2], len(self.block.names)))
         return at.combined(window, self.directions)
 
-    def known(self, window: Window, at: At) -> Array | None:
-        """Return the torque of the known part, (n_dof, n_rows), if the recording of a window has one."""
+    def known(self, window: Window, at: At) -> Array | float:
+        """Return the torque of the known part in a window, (n_dof, n_rows): zero in recordings of others."""
         if self.fixed is None or window.recording not in self.recordings:
-            return None
+            return 0.0
         return at.combined(window, self.fixed)
 
     def standard(self, values: Array, recording: int) -> Array | float:
@@ -111,12 +111,12 @@ class Share:
         return replace(self, directions=matrix @ self.directions, fixed=fixed)
 
 
-def payload_shares(
+def payload_share(
     robot: Robot, payload: Payload, recordings: Sequence[int], transform: Array
-) -> list[Share]:
-    """Return the terms of a payload: its known part, and its unknowns as far as the robot shows and separates them.
+) -> Share | None:
+    """Return the term of a payload: its known part, and its unknowns as far as the robot shows and separates them.
 
-    `transform` has the standard parameters of the robot by each of the payload's ten, (p, 10).
+    None where it has neither. `transform` has the standard parameters of the robot by each of the payload's ten, (p, 10).
     """
     known, columns, names = payload.split
     fixed = transform @ known if known.any() else None
@@ -124,12 +124,12 @@ def payload_shares(
     # A planar arm does not identify or separate some of the ten.
     chosen = independent([robot.base_parameters.matrix @ column for column in by_body])
     if fixed is None and not chosen:
-        return []
+        return None
     own = tuple(names[index] for index in chosen)
     units = tuple(UNITS[name] for name in own)
     block = ColumnBlock("payload", payload.name, own, units, len(chosen) == len(names))
     directions = np.stack([by_body[index] for index in chosen], axis=1) if chosen else transform[:, :0]
-    return [Share(block, tuple(recordings), directions, fixed)]
+    return Share(block, tuple(recordings), directions, fixed)
 
 
 def independent(vectors: Sequence[Array]) -> list[int]:

@@ -75,11 +75,6 @@ class Unknowns:
         """Return names and values of the unknowns with a role."""
         return {each.name: each.value for each in self.entries if each.role == role}
 
-    @property
-    def assigned(self) -> dict[str, tuple[Role, float]]:
-        """Role and value of each unknown that is not estimated, by name."""
-        return {each.name: (each.role, each.value) for each in self.entries if each.role != "estimated"}
-
     def with_roles(self, roles: Mapping[str, tuple[Role, float]]) -> Unknowns:
         """Return the unknowns with other roles and values, by name."""
         return Unknowns(
