@@ -139,7 +139,7 @@ PYTHON = (
     ),
     Mutation(
         "gain updating divides instead of multiplying",
-        "python/didim/methods/didim/simulator.py",
+        "python/didim/methods/didim/problem.py",
         "quotient(here, real, 1.0)",
         "quotient(real, here, 1.0)",
         "tests/test_didim.py",
@@ -216,17 +216,17 @@ PYTHON = (
     ),
     Mutation(
         "consistent DIDIM takes no secant step",
-        "python/didim/methods/didim/globalisation.py",
-        "wanted = self._secant(ahead, inverse(solved.fit.covariance)) if late else 1.0",
+        "python/didim/methods/didim/steps.py",
+        "wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0",
         "wanted = 1.0",
         "tests/test_turning_points_of_methods.py",
     ),
     Mutation(
         "consistent DIDIM goes uphill as far as it likes",
-        "python/didim/methods/didim/globalisation.py",
-        "after <= RISE * cost",
-        "after <= 1e9 * cost",
-        "tests/test_turning_points_of_searches.py",
+        "python/didim/methods/didim/steps.py",
+        "tried[-1][0] <= RISE * cost",
+        "tried[-1][0] <= 1e9 * cost",
+        "tests/test_turning_points_of_methods.py",
     ),
     Mutation(
         "what is left of a contraction is called smaller than it is",

@@ -22,9 +22,8 @@ from didim.loop.controller import Controller
 from didim.loop.outcome import Outcome, SimulationStatus
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
+from didim.methods.didim.problem import Problem, Simulated
 from didim.methods.didim.settings import GainUpdating
-from didim.methods.didim.simulator import LogSimulator
-from didim.methods.didim.windows import Simulated
 from didim.methods.start import Start, standard_start, unit_rotors
 from didim.result.iteration import Iteration, Reporter
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
@@ -395,13 +394,13 @@ def test_verbose_tells_what_goes_on(arm: Experiment, capsys: pytest.CaptureFixtu
 
 def test_no_step_is_a_status(arm: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every simulation but that of the start ends early."""
-    usual, starts = LogSimulator.simulate, []
+    usual, starts = Problem.simulate, []
 
-    def simulate(self: LogSimulator, x: Array, *rest: Any) -> Simulated | Outcome:
+    def simulate(self: Problem, x: Array, *rest: Any) -> Simulated | Outcome:
         starts.append(x)
         return Outcome(SimulationStatus.DIVERGED, 0.5, 1) if starts[1:] else usual(self, x, *rest)
 
-    monkeypatch.setattr(LogSimulator, "simulate", simulate)
+    monkeypatch.setattr(Problem, "simulate", simulate)
     found = identify(arm, plain_didim())
     assert found.status is Status.NO_STEP
     assert not found.converged

@@ -14,8 +14,8 @@ from conditions import conditions_of, violations
 from didim._tools.arrays import Array
 from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import Outcome
-from didim.methods.didim.simulator import RateSimulator
-from didim.methods.didim.windows import Simulated
+from didim.methods.didim.consistent import ConsistentProblem
+from didim.methods.didim.problem import Simulated
 from didim.model.consistency import pseudo_inertias
 from scripts import script
 
@@ -23,15 +23,15 @@ from scripts import script
 def recorded_iterates(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, SimulationSettings]]:
     """Standard parameters, damping and steps of every simulation of consistent DIDIM from now on."""
     found = []
-    simulate = RateSimulator.simulate
+    simulate = ConsistentProblem.simulate
 
     def recorded(
-        run: RateSimulator, x: Array, scale: Array | None = None, checked: bool = False
+        run: ConsistentProblem, x: Array, scale: Array | None = None, checked: bool = False
     ) -> Simulated | Outcome:
         found.append((x.copy(), run.damping, run.experiment_at(x).simulation))
         return simulate(run, x, scale)
 
-    monkeypatch.setattr(RateSimulator, "simulate", recorded)
+    monkeypatch.setattr(ConsistentProblem, "simulate", recorded)
     return found
 
 

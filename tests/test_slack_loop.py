@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,10 @@ import didim
 from arm import arm_log, noisy
 from didim import DIDIM, Experiment, Identification, identify
 from didim.loop.outcome import Outcome
-from didim.methods.didim.problem import Problem
-from didim.methods.didim.response import Response, noise_of
-from didim.methods.didim.simulator import LogSimulator
-from didim.methods.didim.slack import NEAR, projection, simulated_rows, torques_after
-from didim.methods.didim.windows import Iterate, Simulated, Solved
-from didim.regression.consistent.solver import ConsistentSolver
+from didim.methods.didim.problem import Iterate, Problem, Simulated, Solved
+from didim.methods.didim.slack import NEAR, Ahead, response
 from didim.result.iteration import Reporter
-from plain import plain_didim, stub
+from plain import plain_didim
 from scripts import script
 
 Array = NDArray[np.float64]
@@ -113,30 +108,33 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     end = iterated(log, plain_didim())
     method = plain_didim()
     job = method.job(log, log.simulation.robot(log.robot))
-    problem = Problem(LogSimulator(method, job, Reporter()))
+    problem = Problem(method, job, Reporter())
 
     def place(change: Array) -> Solved:
         x = end.parameters + job.model.lift(change)
-        run = problem.simulator.simulate(x)
+        run = problem.simulate(x)
         assert isinstance(run, Simulated)
-        along = Iterate(x, run, 0)
-        return problem.solve(along, problem.observe(along))
-
-    def rows(changes: Sequence[Array]) -> list[Array] | None:
-        return torques_after(problem, end.parameters, changes)
+        return problem.solve(Iterate(x, run, 0))
 
     centre = place(np.zeros(len(end.beta)))
-    origin = simulated_rows(problem, centre.along.simulated)
-    response = Response.at(centre.system, centre.fit, rows, origin, job.robot)
-    assert response is not None
-    jacobian = np.eye(len(response.gain)) - np.linalg.inv(response.gain)
+    slopes = response(problem, centre, problem.simulated_rows(centre.along.simulated))
+    assert slopes is not None
+    weights = centre.fit.weights[:, None]
+    left, triangle = np.linalg.qr(centre.system.w * weights)
+    jacobian = np.eye(len(triangle)) - np.linalg.solve(triangle, left.T @ (slopes * weights))
     std = centre.fit.std
     change = 0.3 * std * np.random.default_rng(3).standard_normal(len(std))
-    after = place(change).fit.solution - centre.fit.solution
+    moved = place(change)
+    after = moved.fit.solution - centre.fit.solution
     error = (after - jacobian @ change) / std
     assert np.linalg.norm(after / std) > 0.1
     assert np.linalg.norm(error) < 0.1 * np.linalg.norm(after / std)
-    assert response.rate == pytest.approx(np.abs(np.linalg.eigvals(jacobian)).max())
+    ahead = Ahead.of(problem, moved, slopes)
+    assert ahead is not None
+    assert ahead.rate == pytest.approx(np.abs(np.linalg.eigvals(jacobian)).max(), rel=0.05)
+    # The fixed point that the response predicts from there is nearer than the place itself.
+    off = job.model.project(ahead.target - end.parameters) / std
+    assert np.linalg.norm(off) < 0.3 * np.linalg.norm(change / std)
 
 
 @pytest.mark.usefixtures("unjudged")
@@ -155,7 +153,7 @@ def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
     slack: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ended = Outcome(didim.loop.SimulationStatus.DIVERGED)
-    monkeypatch.setattr(LogSimulator, "simulate_all", lambda self, candidates: [ended] * len(candidates))
+    monkeypatch.setattr(Problem, "simulate_all", lambda self, candidates: [ended] * len(candidates))
     fit = identify(noisy(slack), plain_didim(sigma_fraction=0.0, tolerance=0.025, max_iterations=40))
     assert fit.converged
     assert any("each step is" in remark or "steps do not shrink" in remark for remark in fit.remarks)
@@ -191,29 +189,6 @@ def test_a_reversed_torque_ends_the_run_soon(digital: Experiment) -> None:
     assert any(remark.startswith("gave up after 3 iterations in a row") for remark in fit.remarks)
 
 
-def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one(digital: Experiment) -> None:
-    log = digital
-    method = DIDIM()
-    job = method.job(log, log.simulation.robot(log.robot))
-    assert isinstance(job.solver, ConsistentSolver)
-    system = job.system(job.parts("fit", job.delay()))
-    problem = job.solver.on(system)
-    fit = job.solver(system, job.settings)
-    assert fit.standard is not None
-    # The rows of the last solution: of the weights that it began with.
-    rows = system.w * (fit.weights / noise_of(fit))[:, None]
-    triangle = np.ascontiguousarray(np.linalg.qr(rows, mode="r"))
-    centre = problem.solve(triangle, triangle @ fit.solution)
-    share = projection(stub(conditions=problem), stub(system=system, fit=replace(fit, standard=centre.x)))
-    assert share is not None
-    assert np.linalg.eigvals(share).real.min() < 0.3  # conditions hold some directions
-    step = 1e-3 * np.linalg.solve(triangle, np.random.default_rng(1).standard_normal(len(triangle)))
-    after = problem.solve(triangle, triangle @ (fit.solution + step))
-    moved = problem.matrix @ (after.x - centre.x)
-    error = triangle @ (moved - share @ step)
-    assert np.linalg.norm(error) < 0.05 * np.linalg.norm(triangle @ step)
-
-
 @pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize("physical", [True, False])
 def test_a_run_at_rest_has_converged_though_no_step_comes_nearer(
@@ -227,7 +202,7 @@ def test_a_run_at_rest_has_converged_though_no_step_comes_nearer(
         return None, 0.0
 
     monkeypatch.setattr("didim.methods.didim.slack._newton", never)
-    monkeypatch.setattr("didim.methods.didim.slack._distance", lambda *place: 1.0)
+    monkeypatch.setattr("didim.methods.didim.slack.NEAR", 0.0)
     log = noisy(slack)
     fit = identify(log, DIDIM(physical=physical, sigma_fraction=0.0, tolerance=0.025))
     assert fit.converged

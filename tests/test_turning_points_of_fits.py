@@ -26,7 +26,8 @@ from didim.methods.cloe.consistent import ConsistentSteps
 from didim.methods.cloe.levenberg_marquardt import identifies
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
-from didim.methods.didim.response import share_moved
+from didim.methods.didim.problem import EVERYTHING
+from didim.methods.didim.slack import share_moved
 from didim.methods.uncertainty import spread_of_factors
 from didim.model.limbs import Directions
 from didim.regression.classical.robust import reweighted
@@ -64,7 +65,8 @@ def test_a_normal_matrix_that_is_singular(ratio: float, identified: bool) -> Non
 def test_directions_that_a_log_does_not_tell_apart(apart: float, known: bool) -> None:
     w = np.array([[1.0, 1.0], [0.0, apart]])
     fit = stub(weights=np.ones(2), residual=np.array([1.0, 1.0]), solution=np.zeros(1))
-    found = share_moved(stub(w=w), fit, lambda changes: [np.zeros(2)], np.zeros(2))
+    problem = stub(torques_after=lambda x, changes: [np.zeros(2)], parts=[EVERYTHING])
+    found = share_moved(problem, stub(system=stub(w=w), fit=fit, along=stub(x=None)), np.zeros(2))
     assert (found is not None) == known
 
 
@@ -330,7 +332,7 @@ def test_rates_are_those_at_sixty_positions(monkeypatch: pytest.MonkeyPatch) -> 
         counts.append(len(q))
         return experiment
 
-    monkeypatch.setattr("didim.methods.didim.problem.with_gains", counted)
+    monkeypatch.setattr("didim.methods.didim.consistent.with_gains", counted)
     didim.identify(arm_log(1), didim.DIDIM(max_iterations=1))
     assert 60 <= counts[0] <= 62
 

@@ -5,7 +5,6 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 import didim.methods.cloe.finer_steps as finer_steps
-import didim.methods.didim.slack as slack
 from didim.errors import ExcitationError, FitError
 from didim.evidence.loop.law import Recovered, loop_findings
 from didim.excitation.points import PointDesign, _sampled
@@ -21,137 +19,13 @@ from didim.excitation.problem import Problem
 from didim.excitation.ramps import ramp
 from didim.excitation.search import starts
 from didim.excitation.search.descent import Descent
-from didim.loop.outcome import Outcome
 from didim.loop.reference import Reference
 from didim.methods.cloe.levenberg_marquardt import SafeSteps, weigh_by_noise
-from didim.methods.didim.slack import FixedPointRun
 from didim.regression.delay import estimate_delay
 from didim.signal.processing import SignalProcessing
 from plain import stub
 
 Array = NDArray[np.float64]
-
-
-def end(rate: float, *distances: float, steps: int = 0) -> FixedPointRun:
-    return FixedPointRun(cast(Any, None), rate, distances, 1.0, (cast(Any, None),) * steps, True)
-
-
-@pytest.mark.parametrize(("rate", "distance", "told"), [(0.29, 0.19, 0), (0.31, 0.19, 2), (0.29, 0.21, 2)])
-def test_a_slow_contraction_is_worth_two_sentences(rate: float, distance: float, told: int) -> None:
-    """A rate of 0.3, or 0.3 standard deviations: 1.5 times the distance."""
-    found = end(rate, distance)
-    assert found.remaining == pytest.approx(1.5 * distance)
-    assert len(found.remarks) == told
-
-
-class Runs:
-    """A run in a slack loop whose distances from the fixed point are given."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, share: float, distances: Sequence[float]) -> None:
-        self.steps = 0
-        left = list(distances)
-        place = stub(system=None, fit=None)
-        patch.setattr(slack, "_solved", lambda *given: place)
-        patch.setattr(slack, "simulated_rows", lambda *given: np.zeros(1))
-        patch.setattr(slack, "projection", lambda *given: None)
-        patch.setattr(slack, "share_moved", lambda *given: share)
-        response = stub(rate=0.6, wider=lambda *given: 1.0)
-        patch.setattr(slack, "Response", stub(at=lambda *given: response))
-        patch.setattr(slack, "_distance", lambda *given: left.pop(0))
-        patch.setattr(slack, "_with_errors", lambda problem, place, response: place)
-        patch.setattr(slack, "_entry", lambda *given: "entry")
-        patch.setattr(slack, "_newton", self._newton)
-        self._place = place
-
-    def _newton(self, *given: object) -> Any:
-        self.steps += 1
-        return self._place, 1.0
-
-    def settled(self, slow: Any = None) -> FixedPointRun | None:
-        problem = stub(
-            robot=None,
-            job=stub(settings=None),
-            method=stub(max_iterations=50),
-            reporter=stub(progress=lambda entry: False),
-        )
-        return slack.run_to_fixed_point(problem, stub(x=None, simulated=None), slow, [cast(Any, None)] * 3)
-
-
-@pytest.mark.parametrize(
-    ("share", "rate", "slack_loop"),
-    [(0.48, None, False), (0.52, None, True), (0.1, 0.48, False), (0.1, 0.52, True)],
-)
-def test_a_loop_is_slack(
-    share: float, rate: float | None, slack_loop: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    runs = Runs(monkeypatch, share, [0.0])
-    slow = None if rate is None else stub(rate=rate)
-    assert (runs.settled(slow) is not None) == slack_loop
-
-
-@pytest.mark.parametrize(
-    ("distances", "steps"),
-    [([0.09], 0), ([0.11, 0.09], 1), ([9.0] * 20, 6)],
-)
-def test_newtons_steps_end_near_the_fixed_point(
-    distances: list[float], steps: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    runs = Runs(monkeypatch, 1.0, distances)
-    assert runs.settled() is not None
-    assert runs.steps == steps
-
-
-def test_a_step_is_tried_with_three_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slack, "_fixed_point", lambda *given: stub(target=np.ones(1)))
-    tried: list[float] = []
-
-    def simulate_all(candidates: Sequence[Array]) -> list[object]:
-        tried.append(float(candidates[0][0]))
-        return [Outcome.__new__(Outcome)]
-
-    problem, solved = stub(simulator=stub(simulate_all=simulate_all)), stub(along=stub(x=np.zeros(1)))
-    assert slack._newton(problem, solved, cast(Any, None), 1.0) == (None, 0.0)
-    assert tried == [1.0, 0.5, 0.25]
-
-
-class Predicted:
-    """Solutions that are off what was expected by a number, and then by less and less of it."""
-
-    jacobian = np.zeros((1, 1))
-
-    def __init__(self, off: float, shrink: float) -> None:
-        self._off, self._shrink = off, shrink
-        self.moved, self.count = 0.0, 0
-
-    @property
-    def gain(self) -> Predicted:
-        return self
-
-    def __matmul__(self, off: Array) -> Array:
-        self.moved += float(off[0])
-        return off
-
-    def solve(self, system: object) -> Any:
-        self.count += 1
-        return stub(solution=np.array([self.moved + self._off * self._shrink**self.count]))
-
-
-@pytest.mark.parametrize(("off", "shrink", "count"), [(1.0, 1.0, 10), (1.5, 0.1, 3), (0.7, 0.1, 2)])
-def test_a_fixed_point_is_solved_ten_times_at_most(
-    off: float, shrink: float, count: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And less often where it moves by less than a hundredth of a standard deviation."""
-    response = Predicted(off, shrink)
-    problem = stub(
-        job=stub(estimated=lambda x: np.zeros(1)),
-        conditions=object(),
-        solution=response.solve,
-        solved=lambda along, system, fit: stub(along=along, system=system, fit=fit),
-    )
-    monkeypatch.setattr(slack, "projection", lambda *given: None)
-    fit = stub(solution=np.array([1.0]), std=np.ones(1))
-    slack._fixed_point(problem, stub(along=stub(x=None), system=_system(), fit=fit), cast(Any, response))
-    assert response.count == count
 
 
 def _system() -> Any:

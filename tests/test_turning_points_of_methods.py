@@ -5,6 +5,7 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -29,7 +30,8 @@ from didim.excitation.limits import motion_limits
 from didim.excitation.settings import ExcitationSettings
 from didim.excitation.task import Task
 from didim.methods.didim.convergence import Path, contraction_of
-from didim.methods.didim.globalisation import SecantSteps
+from didim.methods.didim.problem import Iterate, Solved
+from didim.methods.didim.steps import SecantSteps
 from didim.methods.idim_iv import _sentences
 from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
@@ -143,22 +145,43 @@ def test_a_secant_step_is_not_shorter_than_three_tenths() -> None:
         assert damped._secant(np.array([ahead]), np.eye(1)) == pytest.approx(length)
 
 
+def secant(cost: Callable[[Array], float]) -> SecantSteps:
+    """Steps of one parameter, of one standard deviation each, at whose end the simulation has a cost."""
+    return SecantSteps(
+        stub(
+            job=stub(estimated=lambda step: step),
+            changes_in_sigma=lambda solved: np.ones(1),
+            method=stub(sigma_fraction=0.1),
+            windows=[stub(tau=np.ones(1))],
+            choose_steps=lambda x: None,
+            simulate=lambda x, *more: stub(x=x, errors=np.array([cost(x)])),
+            reporter=None,
+        )
+    )
+
+
+def step_of(steps: SecantSteps, x: float, target: float, iteration: int, error: float = 1.0) -> Any:
+    """Take the step from a place to its solution, both of one parameter; the error is that at the place."""
+    run = stub(errors=np.array([error]), scale=None)
+    along = Iterate(np.array([x]), run, iteration)
+    fit = stub(covariance=np.eye(1), weights=np.ones(1))
+    system = stub(joints=[slice(0, 1)])
+    return steps.step(Solved(along, system, fit, np.array([target]), np.ones(1)))
+
+
 def test_the_third_step_of_a_two_cycle_is_halved() -> None:
     """Each full step lands where the one before began: the secant step goes to the middle, from the third on."""
-    job = stub(estimated=lambda step: step)
-    problem = stub(job=job, change_in_sigma=lambda solved: 1.0, method=None, simulator=None, reporter=None)
-    damped = SecantSteps(problem)
-    advanced: list[float] = []
+    steps = secant(lambda x: 1.0)
+    cycle = [(0.0, 1.0), (1.0, 0.0), (0.0, 1.0)]
+    assert [step_of(steps, x, target, k).length for k, (x, target) in enumerate(cycle)] == [1.0, 1.0, 0.5]
 
-    def advance(solved: Any, length: float, moved: float) -> tuple[float, None]:
-        advanced.append(length)
-        return length, None
 
-    damped._advance = advance  # type: ignore[method-assign, assignment]
-    for iteration, (x, target) in enumerate([(0.0, 1.0), (1.0, 0.0), (0.0, 1.0)]):
-        along = stub(x=np.array([x]), iteration=iteration)
-        damped.step(stub(along=along, target=np.array([target]), fit=stub(covariance=np.eye(1))))
-    assert advanced == [1.0, 1.0, 0.5]
+@pytest.mark.parametrize(("rise", "length"), [(1.015, 1.0), (1.025, 0.5)])
+def test_a_secant_step_may_raise_the_cost_by_two_percent(rise: float, length: float) -> None:
+    """The cost is 1 at the iterate and after half of the step, and `rise` after all of it."""
+    step = step_of(secant(lambda x: rise if x[0] == 1.0 else 1.0), 0.0, 1.0, 0)
+    assert step.length == length
+    assert step.after.x == pytest.approx([length])
 
 
 @pytest.mark.parametrize(("strength", "weak"), [(0.48, False), (0.52, True)])

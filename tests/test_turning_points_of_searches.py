@@ -6,7 +6,7 @@ The numbers stand here as they are documented, so that one which is doubled or h
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +17,8 @@ import didim.excitation.criterion as criterion
 import didim.excitation.problem as design
 from didim.excitation.problem import Problem
 from didim.experiment.specs import SimulationSettings
-from didim.loop.outcome import Outcome, SimulationStatus
 from didim.methods.cloe.simplex import SimplexSearch
-from didim.methods.didim.globalisation import SafeSteps, SecantSteps
 from didim.methods.didim.simulability import chosen_steps
-from didim.methods.didim.windows import Iterate, Solved
 from didim.methods.job import Job
 from didim.signal.filters import low_pass
 from didim.signal.processing import SignalProcessing
@@ -29,55 +26,6 @@ from didim.signal.steps import smoothed
 from plain import stub
 
 Array = NDArray[np.float64]
-
-
-class Diverging:
-    """A simulator in which no run completes."""
-
-    def __init__(self) -> None:
-        self.tried: list[float] = []
-
-    def simulate(self, x: Array, *more: object) -> Outcome:
-        self.tried.append(float(x[0]))
-        return Outcome(SimulationStatus.DIVERGED, 1.0, 1)
-
-
-def solved_at(x: Array, simulated: Any = None) -> Solved:
-    """Return the solution of one row, at a distance of one."""
-    fit, system = stub(weights=np.ones(1)), stub(joints=[slice(0, 1)])
-    return Solved(Iterate(x, simulated, 0), system, fit, x + 1.0, np.ones(1))
-
-
-def test_a_step_whose_simulation_ends_early_is_halved_twenty_times() -> None:
-    simulator = Diverging()
-    steps = stub(
-        simulator=simulator, method=stub(gain_updating="first"), reporter=stub(say=lambda text: None)
-    )
-    length, _ = SafeSteps._advance(steps, solved_at(np.zeros(1)), 1.0, False)
-    assert length == 0.0
-    assert simulator.tried == [0.5**k for k in range(20)]
-
-
-def test_a_secant_step_is_halved_four_times() -> None:
-    simulator = Diverging()
-    steps = stub(simulator=simulator, reporter=stub(say=lambda text: None), _cost=lambda *given: 1.0)
-    length, _ = SecantSteps._advance(steps, solved_at(np.zeros(1)), 1.0, 9.0)
-    assert length == 0.0
-    assert simulator.tried == [1.0, 0.5, 0.25, 0.125, 0.0625]
-
-
-@pytest.mark.parametrize(("rise", "length"), [(1.015, 1.0), (1.025, 0.5)])
-def test_a_secant_step_may_raise_the_cost_by_two_percent(rise: float, length: float) -> None:
-    """The cost is 1 at the iterate and after half of the step, and `rise` after all of it."""
-    steps = stub(
-        simulator=stub(simulate=lambda x: stub(x=x), choose_steps=lambda x: None),
-        method=stub(sigma_fraction=0.1),
-        _cost=lambda simulated, weights: rise if simulated.x[0] == 1.0 else 1.0,
-    )
-    solved = solved_at(np.zeros(1), stub(x=np.zeros(1), scale=None))
-    found, after = SecantSteps._advance(steps, solved, 1.0, 9.0)
-    assert found == length
-    assert cast(Any, after).x == pytest.approx([length])
 
 
 @pytest.mark.parametrize(("fall", "again"), [(0.8e-6, False), (1.2e-6, True)])

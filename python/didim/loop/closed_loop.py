@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import didim._core as _core
 
@@ -24,7 +24,7 @@ from ..model.limbs import Limb, limbs_of
 from ..robot.robot import Robot
 from .controller import Controller
 from .memory import BALANCE, ControllerMemory
-from .outcome import IntegrationError, Outcome, first_to_end, outcomes_of
+from .outcome import IntegrationError, Outcome, SimulationStatus, first_to_end, outcomes_of
 from .reference import Reference
 
 STEP = 5e-4
@@ -47,6 +47,9 @@ SIGNALS = ("q", "dq", "ddq", "tau")
 """Signals of a run: positions, velocities, accelerations and torques."""
 DIVERGENCE = 100.0
 """Tracking error (rad or m) from which a simulation counts as diverged."""
+
+Known = tuple[Sequence[Array], NDArray[np.bool_]]
+"""Trajectories of an earlier run, (n_candidates, n_records, n_dof) each, and the joints that still move so, (n_dof,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +270,7 @@ class ClosedLoop:
         gain_scale: Array | None = None,
         threads: int | None = None,
         signals: Collection[str] = SIGNALS,
+        known: Known | None = None,
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
         """Trajectories of candidates, each (n_candidates, n_records, n_dof) and NaN from an early end on, and their outcomes.
 
@@ -280,10 +284,12 @@ class ClosedLoop:
             All cores by default; the bits do not depend on it.
         signals : collection of str
             Those of `SIGNALS` that are returned, in their order.
+        known : (list of arrays, (n_dof,) array of bool), optional
+            Trajectories of an earlier run, and joints of whole limbs that move as in it, which are not run again.
         """
         scale = self._scale_of(x, gain_scale, threads)
         if self.limbs:
-            arrays, outcomes = self._run_limbs(x, scale, threads, signals)
+            arrays, outcomes = self._run_limbs(x, scale, threads, signals, known)
         else:
             wanted = [name in signals for name in SIGNALS]
             with CoreErrorsAs(SimulationError):
@@ -298,16 +304,20 @@ class ClosedLoop:
         return arrays, outcomes
 
     def _run_limbs(
-        self, x: Array, scale: Array, threads: int | None, signals: Collection[str]
+        self, x: Array, scale: Array, threads: int | None, signals: Collection[str], known: Known | None
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
         arrays = [np.empty((len(x), self.n_records, self.robot.n_dof)) for _ in signals]
-        endings = []
+        endings = [(Outcome(SimulationStatus.COMPLETED),) * len(x)]
         for joints, own, loop in self._limbs(x):
+            if known is not None and known[1][joints].all():
+                for values, part in zip(arrays, known[0], strict=True):
+                    values[..., joints] = part[..., joints]
+                continue
             gains = scale[:, joints].copy()
             parts, outcomes = loop.run(own, gain_scale=gains, threads=threads, signals=signals)
             for values, part in zip(arrays, parts, strict=True):
                 values[..., joints] = part
-            endings.append([outcome.of_limb(joints) for outcome in outcomes])
+            endings.append(tuple(outcome.of_limb(joints) for outcome in outcomes))
         return arrays, tuple(map(first_to_end, zip(*endings, strict=True)))
 
     def _limbs(self, x: Array) -> Iterator[tuple[list[int], Array, ClosedLoop]]:

@@ -24,8 +24,8 @@ from ..regression.consistent.solver import ConsistentSolver
 from ..result.identification import Identification
 from ..result.iteration import Reporter
 from .didim.iterations import Iterations
+from .didim.problem import Solved
 from .didim.settings import DIDIMSettings
-from .didim.windows import Solved
 from .method import Motion
 
 WEAK = 0.5
@@ -72,7 +72,7 @@ class IDIMIV(DIDIMSettings):
         job = self.job(experiment, experiment.simulated_robot)
         if not isinstance(job.solver, ConsistentSolver):
             job = replace(job, solver=solve_with_instruments, solver_choice=solve_with_instruments)
-        iterations = Iterations.of(self, job, reporter)
+        iterations = Iterations(self, job, reporter)
         return _with_diagnosis(iterations.result(), iterations.solved)
 
 

@@ -18,13 +18,11 @@ from ..._tools.arrays import Array, unit_diagonal
 from ...evidence.torques import CONTRADICTIONS
 from ...experiment.experiment import Experiment
 from ...regression.consistent.problem import ConstrainedProblem
-from ...regression.consistent.solver import CONSISTENT
 from ...result.identification import Identification
 from ...result.iteration import Reporter
+from ..didim.consistent import ConsistentProblem
 from ..didim.didim import DIDIM
 from ..didim.iterations import Iterations
-from ..didim.problem import ConsistentProblem
-from ..didim.simulator import RateSimulator
 from ..start import further_of
 from .jacobian import Jacobian
 from .levenberg_marquardt import DAMPINGS, Advance, SafeSteps
@@ -142,12 +140,12 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     didim = DIDIM(physical=True, start=method.chosen_start, **method.shared)
     robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
-    solver = CONSISTENT.for_model(job.model)
-    consistent = ConsistentProblem(RateSimulator(didim, job, reporter.without_iterations), solver)
-    begun = Iterations(consistent).result()
+    iterations = Iterations(didim, job, reporter.without_iterations)
+    begun, consistent = iterations.result(), iterations.problem
+    assert isinstance(consistent, ConsistentProblem)
     x = job.model.extended(begun.parameters, further_of(begun))
     problem = OutputError(
-        replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), reporter
+        replace(method, start=begun), method.job(consistent.experiment_at(x), robot), reporter
     )
     problem.n_simulations = begun.n_simulations
     return ConsistentSteps(problem, consistent.conditions, x, begun)

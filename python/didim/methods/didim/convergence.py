@@ -15,6 +15,10 @@ import numpy as np
 
 from ..._tools.arrays import Array, quotient
 from ..._tools.words import counted
+from ...evidence.loop.simulated import Piece, compare_motions
+from ...signal.processing import SignalProcessing
+from ...signal.window import Window
+from .problem import Simulated
 
 MOST_STEPS = 8
 """Number of last steps that the contraction rate is estimated from; earlier ones are far from the limit."""
@@ -183,3 +187,14 @@ def step_sentence(error: Array, size: Array) -> str:
         f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "
         f"{size[joint]:.2g}; reduce step_s and fine_step_s in [simulation]"
     )
+
+
+def motion_record(
+    signal: SignalProcessing, windows: Sequence[Window], motion: Simulated
+) -> dict[str, list[float]]:
+    """Return the comparison of simulated and measured motion of all windows, for the record of a result."""
+    pieces: list[Piece] = [
+        (each.measured[each.kept] if each.measured.size else None, q, each.tau, tau)
+        for each, (q, _, _, tau) in zip(windows, motion.motions, strict=True)
+    ]
+    return compare_motions(signal, pieces).record()

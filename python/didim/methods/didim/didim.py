@@ -13,14 +13,14 @@ from typing import ClassVar
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Reporter
-from .by_limb import iterations_of
+from .iterations import Iterations
 from .settings import DIDIMSettings
 
 
 class DIDIM(DIDIMSettings):
     """DIDIM with its settings, those of `DIDIMSettings` and `FitSettings`.
 
-    By default every iterate is a robot (`didim.methods.didim.problem`); ``physical=False`` is the DIDIM of the paper.
+    By default every iterate is a robot (`didim.methods.didim.consistent`); ``physical=False`` is the DIDIM of the paper.
 
     Each iteration solves (16), the linear system along the simulated motion. Tested in ``tests/test_didim.py``.
     """
@@ -30,4 +30,4 @@ class DIDIM(DIDIMSettings):
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
-        return iterations_of(self, job, reporter).result()
+        return Iterations(self, job, reporter).result()

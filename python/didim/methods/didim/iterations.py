@@ -3,7 +3,8 @@
     simulate the start
     repeat: (7) along the motion of the iterate, solved; a step towards the solution, simulated there
 
-Tested in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test_contrast.py``.
+Limbs that share nothing come to rest one by one: the parameters of one that has converged stay while the others go on. Tested in
+``tests/test_didim.py``, ``tests/test_consistent.py``, ``tests/test_limbs.py`` and ``tests/test_contrast.py``.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import ratio, rms
-from ..._tools.words import counted
+from ..._tools.arrays import Array, ratio, rms
+from ..._tools.words import counted, series
 from ...loop.outcome import LARGE_ERROR, Outcome
 from ...model.safe_step import thinned
 from ...regression.consistent.solver import ConsistentSolver
@@ -23,22 +24,22 @@ from ...result.identification import Identification
 from ...result.iteration import Iteration, Reporter, Status
 from ..builder import Run, fitted
 from ..job import Job
+from .consistent import ConsistentProblem
 from .convergence import (
     SLOW,
     Path,
     best_sentence,
     lost_sentence,
+    motion_record,
     rule_sentence,
     slow_sentence,
     step_sentence,
     stuck_sentence,
 )
-from .globalisation import SafeSteps, SecantSteps
-from .problem import ConsistentProblem, Problem
+from .problem import Iterate, Problem, Solved
 from .settings import DIDIMSettings
-from .simulator import LogSimulator, RateSimulator
 from .slack import MOST_ATTEMPTS, run_to_fixed_point
-from .windows import Iterate, Solved, Step, along_motion, motion_record
+from .steps import SafeSteps, SecantSteps, Step
 
 ROUNDING = 1e-10
 """Residual, as a share of the torques, below which it is rounding."""
@@ -51,7 +52,7 @@ class Iterations:
     ----------
     problem : Problem
         Linear problem along the motion of an iterate.
-    globalisation : SafeSteps or SecantSteps
+    descent : SafeSteps or SecantSteps
         Rule for the length of a step: secant steps among robots.
     history : list of Iteration
         Iterations so far.
@@ -63,87 +64,85 @@ class Iterations:
         The current iterate.
     solved : Solved
         The last solution.
+    rests : dict of int to int
+        Iteration at which a part of the problem came to rest, by its number.
     """
 
-    iterate: Iterate
     solved: Solved
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self.reporter = problem, problem.reporter
-        self.globalisation: SafeSteps | SecantSteps = SafeSteps(problem)
-        if isinstance(problem, ConsistentProblem):
-            self.globalisation = SecantSteps(problem)
-        self.method, self.simulator = problem.method, problem.simulator
+    def __init__(self, method: DIDIMSettings, job: Job, reporter: Reporter) -> None:
+        self.method, self.reporter = method, reporter
+        self.problem: Problem
+        self.descent: SafeSteps | SecantSteps
+        if isinstance(job.solver, ConsistentSolver):
+            self.problem = ConsistentProblem(method, job, reporter, job.solver)
+            self.descent = SecantSteps(self.problem)
+        else:
+            self.problem = Problem(method, job, reporter)
+            self.descent = SafeSteps(self.problem)
         self.history: list[Iteration] = []
         self.status, self.over = Status.NOT_CONVERGED, False
+        self.rests: dict[int, int] = {}
         self._ending, self._exact = "", False
         self._remarks: list[str] = []
         self._path = Path()
         # Attempts at the fixed point, and the iterations after the last one before the rule is evaluated again.
         self._attempts, self._patience = 0, 0
-        self._last_norm = float("nan")
+        self._norms = np.full(len(self.problem.parts), np.nan)
         self._lost = 0
-
-    @classmethod
-    def of(cls, method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
-        """Return the iterations of a job: among robots if its solver is consistent."""
-        if isinstance(job.solver, ConsistentSolver):
-            return cls(ConsistentProblem(RateSimulator(method, job, reporter), job.solver))
-        return cls(Problem(LogSimulator(method, job, reporter)))
+        self.iterate = self._best = self._start()
+        self._first_error = self.iterate.simulated.error
 
     def result(self) -> Identification:
         """Iterate to the end, and build the result."""
-        self.begin()
         while not self.over:
             self.advance()
         return self._finish()
 
-    def begin(self) -> None:
-        """Begin at the start, (17) by default."""
-        self.iterate = self._best = self._start()
-        self._first_error = self.iterate.simulated.error
-
     def advance(self) -> None:
         """Take one iteration."""
-        system = self.problem.observe(self.iterate)  # Y, and W along the simulated motion, (6)
-        solved = self.problem.solve(self.iterate, system)  # (7) and (8)
-        step = self.globalisation.step(solved)  # towards the solution, and simulated there
+        solved = self.problem.solve(self.iterate)  # (7) along the simulated motion, (6), and its solution (8)
+        step = self.descent.step(solved)  # towards the solution, and simulated there
         self.iterate = self.stop(solved, step)  # or continue from here
 
     def _start(self) -> Iterate:
-        """Simulate the start, with smaller time steps if those of the experiment fail."""
-        x = self.problem.start()
-        scale = self.simulator.gain_scale(x)
-        simulated = self.simulator.simulate(x, scale)
-        if isinstance(simulated, Outcome) and self.simulator.take_small_steps():
-            simulated = self.simulator.simulate(x, scale)
+        """Simulate the start, (17) by default, with smaller time steps if those of the experiment fail."""
+        problem = self.problem
+        x = problem.start()
+        scale = problem.gain_scale(x)
+        simulated = problem.simulate(x, scale)
+        if isinstance(simulated, Outcome) and problem.take_small_steps():
+            simulated = problem.simulate(x, scale)
         if isinstance(simulated, Outcome):
-            raise self.problem.no_start(f"the simulation {simulated}")
+            raise problem.no_start(f"the simulation {simulated}")
         return Iterate(x, simulated, 0)
 
     def stop(self, solved: Solved, step: Step) -> Iterate:
         """Record the iteration, and end the run by the stopping rule or the callback; return the current iterate."""
-        if isinstance(step.after, Iterate) and step.repeated:
-            return step.after
+        after = step.after
+        if isinstance(after, Iterate) and step.repeated:
+            return after
         self.solved = solved
-        self.history.append(self._entry(solved, step))
+        norms, self._norms = self._norms, self._norms_of(solved)
+        self.history.append(self._entry(solved, step, norms))
         stopped = self.reporter.progress(self.history[-1])
         self.over = stopped or len(self.history) >= self.method.max_iterations
-        if isinstance(step.after, Outcome):
+        if isinstance(after, Outcome):
             self.status, self.over = Status.NO_STEP, True
-            self._remarks.append(f"after the shortest step tried the simulation {step.after}")
+            self._remarks.append(f"after the shortest step tried the simulation {after}")
             return solved.along
-        after = step.after
         self.status = Status.STOPPED if stopped else Status.NOT_CONVERGED
         self._compare(after)
-        if not stopped and self._rule_holds(after, solved, step):
+        if not stopped and self._all_rest(after, solved, step, norms):
             # Repeat the last iterations with the experiment's time steps, so the result does not depend on the start.
-            usual = self.simulator.take_usual_steps(after.x)
+            usual = self.problem.take_usual_steps(after.x)
             if usual is not None:
+                self._rouse()
                 return replace(after, simulated=usual)
             self.status = Status.CONVERGED
             if self.over or self.method.stop:
                 return self._settle(after)
+            self._rouse()
         return after
 
     def _compare(self, after: Iterate) -> None:
@@ -156,19 +155,61 @@ class Iterations:
             self.over = True
             self._remarks.append(lost_sentence(self._lost, error))
 
+    def _norms_of(self, solved: Solved) -> Array:
+        """Return the norm of the residual of each part."""
+        joints = solved.system.norms(solved.fit.residual)
+        return np.array([np.linalg.norm(joints[part.joints]) for part in self.problem.parts])
+
+    def _all_rest(
+        self,
+        after: Iterate,
+        solved: Solved,
+        step: Step,
+        norms: Array,
+    ) -> bool:
+        """Let parts rest whose residual or parameters have converged; whether all do. Stores the sentence on the rule.
+
+        `norms` are those of the iteration before.
+        """
+        method, problem = self.method, self.problem
+        torques, exact = solved.system.norms(solved.system.measured), []
+        sound = step.length >= step.wanted and not solved.held and len(self.history) >= self._patience
+        for number, part in enumerate(problem.parts):
+            norm, before = self._norms[number], norms[number]
+            # Without noise the residual, and the sigmas from it, become rounding.
+            exact.append(ratio(norm, np.linalg.norm(torques[part.joints])) <= ROUNDING)
+            # A diverging robot may have steady residuals, but is further from the log than zero torque.
+            if number in self.rests or not sound or not after.simulated.error_of(part.joints) < 1.0:
+                continue
+            change, largest = ratio(abs(norm - before), before), float(step.changes[part.columns].max())
+            steady = change <= method.tolerance and largest <= problem.steady_within
+            if exact[-1] or largest <= method.sigma_fraction or steady:
+                self.rests[number] = len(self.history)
+                problem.rest(part)
+                self._ending = rule_sentence(
+                    largest, method.sigma_fraction, change, method.tolerance, exact=exact[-1]
+                )
+        self._exact = all(exact)
+        return len(self.rests) == len(problem.parts)
+
+    def _rouse(self) -> None:
+        """Let all parts iterate again."""
+        self.rests = {}
+        self.problem.rouse()
+
     def _finish(self) -> Identification:
         """Build the result, with the errors of its parameters: the last iterate if the iterations converged, else the best one."""
-        problem, job, simulator, converged = (
-            self.problem,
-            self.problem.job,
-            self.simulator,
-            self.status.converged,
-        )
+        problem, job, converged = self.problem, self.problem.job, self.status.converged
         if not converged:
+            self._rouse()
             self.iterate = best = self._best
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
-            self.solved = problem.solve(best, problem.observe(best))
-        self.reporter.say(counted(simulator.n_simulations, "simulation"))
+            self.solved = problem.solve(best)
+        elif len(self.rests) > 1:
+            steps = len(self.history) - max(self.rests.values())  # Newton's, of all limbs
+            counts = series(str(self.rests[number] + steps) for number in range(len(self.rests)))
+            self._ending += f" Iterations by limb: {counts}."
+        self.reporter.say(counted(problem.n_simulations, "simulation"))
         point, system, fit = self.iterate, self.solved.system, self.solved.fit
         # After a shortened step the iterate is not the solution, so the residual is computed again.
         estimate = job.estimated(point.x)
@@ -180,41 +221,41 @@ class Iterations:
             # (10) is only valid at the minimum.
             covariance=fit.covariance if converged else np.zeros_like(fit.covariance),
         )
-        suspected = problem.suspected(system, fit, converged=converged)
+        suspected = problem.suspected(system, converged=converged)
         run = Run(
             job=job,
             method=self.method,
             status=self.status,
             history=self.history,
-            delay=simulator.delay,
+            delay=problem.delay,
             q=thinned(np.concatenate([motion[0] for motion in point.simulated.motions]), 2000),
             settings={
                 **problem.record(),
-                "simulated": motion_record(job, simulator.windows, point.simulated),
+                "simulated": motion_record(job.signal, problem.windows, point.simulated),
             },
             remarks=[*problem.remarks, *self._remarks, *self._sentences(suspected)],
             evidence=problem.evidence(suspected, point.simulated.error),
         )
-        parts = () if job.model.n_gains else along_motion(simulator.windows, point.simulated)
+        parts = () if job.model.n_gains else problem.along(point.simulated)
         return replace(
             fitted(run, system, fit, beta=job.model.project(point.x), parts=parts),
             ending=self._ending,
             output_error=(self._first_error, point.simulated.error),
-            n_simulations=simulator.n_simulations,
+            n_simulations=problem.n_simulations,
         )
 
     def _sentences(self, suspected: Sequence[Finding]) -> list[str]:
         """Return sentences on stuck joints, time steps and the reference."""
-        sentences, simulator, point = [], self.simulator, self.iterate
-        if self.problem.stuck:
-            sentences.append(stuck_sentence(self.problem.stuck))
-        if not simulator.steps_follow_rates:
-            fine, torque = simulator.finer(point.x, point.simulated), point.simulated.motions[0][3]
+        sentences, problem = [], self.problem
+        if problem.stuck:
+            sentences.append(stuck_sentence(problem.stuck))
+        if not problem.steps_follow_rates:
+            fine, torque = problem.finer(self.iterate), self.iterate.simulated.motions[0][3]
             error, size = rms(fine - torque), rms(fine)
             # With a wrong log no time step is small enough.
             if not suspected and not np.all(error <= LARGE_ERROR * size):
                 sentences.append(step_sentence(error, size))
-        if getattr(simulator.experiment.reference, "kind", "") == "measured":
+        if getattr(problem.experiment.reference, "kind", "") == "measured":
             sentences.append(
                 "the reference is the measured position, not the commanded one: the simulated robot follows it with an error that "
                 "the real one did not have"
@@ -228,6 +269,7 @@ class Iterations:
         if self._exact or problem.instrumental or problem.base.n_gains:
             return iterate
         slow = self._path.contraction(self.solved.std)
+        problem.rouse()
         end = run_to_fixed_point(problem, iterate, slow, self.history)
         if end is None:
             if slow is not None and slow.remaining_largest > SLOW:
@@ -242,19 +284,18 @@ class Iterations:
             self.over = rested or not few
             if not self.over:
                 self.status = Status.NOT_CONVERGED
+                self._rouse()
                 return iterate
         self.history = end.continued(self.history)
         self._remarks += end.remarks
         self.solved = end.solved
         return end.solved.along
 
-    def _entry(self, solved: Solved, step: Step) -> Iteration:
-        """Return the entry of the history."""
+    def _entry(self, solved: Solved, step: Step, norms: Array) -> Iteration:
+        """Return the entry of the history; `norms` are the residuals of the iteration before."""
         iterate, after = solved.along, step.after
         x = after.x if isinstance(after, Iterate) else iterate.x
-        norm = float(np.linalg.norm(solved.fit.residual))
-        change = ratio(abs(norm - self._last_norm), self._last_norm)
-        self._last_norm = norm
+        norm, before = (float(np.linalg.norm(each)) for each in (self._norms, norms))
         self._path.add(self.problem.base.project(x - iterate.x), full=step.length == 1.0)
         contraction = self._path.contraction(solved.std)
         return Iteration(
@@ -265,7 +306,7 @@ class Iterations:
                 "step_length": step.length,
                 "largest_safe_step": step.largest,
                 "largest_change_in_sigma": step.largest_change,
-                "residual_change": change,
+                "residual_change": ratio(abs(norm - before), before),
                 "output_error_before": iterate.simulated.error,
                 "output_error_after": after.simulated.error if isinstance(after, Iterate) else np.nan,
                 "condition_number": solved.fit.condition_number,
@@ -273,20 +314,3 @@ class Iterations:
                 "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
             },
         )
-
-    def _rule_holds(self, after: Iterate, solved: Solved, step: Step) -> bool:
-        """Whether the residual or the parameters have converged; stores the sentence on the rule."""
-        method, entry = self.method, self.history[-1]
-        change = entry.more["residual_change"]
-        # A diverging robot may have steady residuals, but is further from the log than zero torque.
-        sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.held
-        sound = sound and len(self.history) >= self._patience
-        # Without noise the residual, and the sigmas from it, become rounding.
-        self._exact = entry.relative_error <= ROUNDING
-        steady = change <= method.tolerance and step.largest_change <= self.problem.steady_within
-        if not sound or not (self._exact or step.largest_change <= method.sigma_fraction or steady):
-            return False
-        self._ending = rule_sentence(
-            step.largest_change, method.sigma_fraction, change, method.tolerance, exact=self._exact
-        )
-        return True

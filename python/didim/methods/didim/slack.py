@@ -1,14 +1,22 @@
-"""The end of DIDIM in a slack loop: Newton's method to the fixed point, and its standard deviations.
+r"""The end of DIDIM in a slack loop: Newton's method to the fixed point, and its standard deviations.
 
-If the motion depends on the parameters, DIDIM contracts slowly and stops before its fixed point, and (10) ignores this. One
-simulation in a random direction detects it. Tested in ``tests/test_slack_loop.py``.
+DIDIM approximates ``d tau_s / d beta`` by the regressor W and neglects the dependence of the motion on the parameters. In a
+tight loop this dependence is small. In a slack one DIDIM contracts slowly and stops before its fixed point, and (10) ignores
+this. With ``S = d tau_s / d beta`` in the rows of (7), about an iterate beta_0:
+
+    F(beta) = argmin | W b - y - (W - S)(beta - beta_0) |        the next iterate, within physical constraints if there are any
+    beta* = F(beta*)                                             the fixed point; without constraints W^T (y - tau_s) = 0
+    C = G^-1 Q^T Sigma Q G^-T,   G = Q^T S,   W = Q R            covariance of the fixed point, instead of (10)
+
+So the fixed point is the estimate with instruments W of the system whose columns are S, which `instrumented` solves. The columns
+of S are differences of simulations; one simulation in a random direction shows whether they are needed. Tested in
+``tests/test_slack_loop.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -16,13 +24,21 @@ from ..._tools.arrays import Array, quotient, ratio
 from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
+from ...model.limbs import Directions
+from ...regression.classical.instrumental import instrumented
+from ...regression.covariance import Factors, covariance_of_columns
+from ...regression.fit import Fit
 from ...result.iteration import Iteration
-from ...terms.model import torques
+from ...terms.rows import unit_columns
+from ..uncertainty import with_velocities
 from .convergence import SAFETY, Contraction
-from .problem import Problem
-from .response import Response, noise_of, share_moved
-from .windows import Iterate, Simulated, Solved, along_motion
+from .problem import Iterate, Problem, Solved
 
+DIFFERENCE = 1.0
+"""Change of the weighted torques in a finite difference, in standard deviations of a row: small enough for a linear
+response."""
+LARGEST_CONDITION = 1e7
+"""Ratio of the entries of R beyond which the log does not determine the fixed point."""
 SLACK = 0.5
 """Smallest size of J (`share_moved`) of a slack loop."""
 FAST = 0.5
@@ -33,14 +49,88 @@ NEAR = 0.1
 """Distance from the fixed point, in standard deviations, at which Newton's method ends."""
 MOST_STEPS = 6
 """Upper bound of the steps of Newton's method."""
-MOST_HALVINGS = 3
+MOST_LENGTHS = 3
 """Upper bound of the lengths tried for a step of Newton's method."""
-MOST_SOLUTIONS = 10
+MOST_SOLUTIONS = 20
 """Upper bound of the solutions of (7), without a simulation, for the fixed point that a response predicts."""
-PREDICTED = 0.01
+PREDICTED = 1e-3
 """Change, in standard deviations, below which the predicted fixed point has converged."""
 MOST_ATTEMPTS = 2
 """Upper bound of a run's attempts at its fixed point: each costs one simulation per parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """An iterate with the fixed point that the response predicts from it.
+
+    Attributes
+    ----------
+    solved : Solved
+        (7) along the iterate; its fit has the residual there, and the covariance of the fixed point.
+    target : (n_parameters,) array
+        Standard parameters of the fixed point.
+    distance : float
+        Largest distance of a parameter from it, in its standard deviations.
+    rate : float
+        Contraction rate of a plain iteration along the slowest direction: the largest eigenvalue of ``1 - R^-1 Q^T S``.
+    wider : float
+        Largest ratio of the fixed point's standard deviations to those of (10), for a tight loop.
+    """
+
+    solved: Solved
+    target: Array
+    distance: float
+    rate: float
+    wider: float
+
+    @classmethod
+    def of(cls, problem: Problem, solved: Solved, slopes: Array) -> Ahead | None:
+        """Return the fixed point by a response S, (r, n), at this or a nearby iterate; None if the log does not determine it."""
+        system, fit, weights = solved.system, solved.fit, solved.fit.weights
+        here, n = problem.job.estimated(solved.along.x), len(system.names)
+        newton = instrumented(slopes, system.w, system.y + (slopes - system.w) @ here, weights)
+        if newton is None:
+            return None
+        fit, wider = _with_errors(problem, solved, slopes, here)
+        gain = newton.inverse @ (newton.left.T @ (system.w * weights[:, None]))
+        rate = float(np.abs(1.0 - 1.0 / np.linalg.eigvals(gain)).max())
+        change = newton.solution[:n] - here
+        # Constraints hold some directions, so F is applied until it rests; without them it rests at once.
+        tried: list[Array] = []
+        rests: list[Array] = []
+        for _ in range(MOST_SOLUTIONS):
+            moved = replace(system, y=system.y + (system.w - slopes) @ change)
+            there = problem.solved(solved.along, moved, problem.solution(moved))
+            tried, rests = [*tried, change], [*rests, there.fit.solution - here - change]
+            if np.all(np.abs(rests[-1]) <= PREDICTED * fit.std):
+                break
+            change = _mixed(tried, rests, fit.std)
+        change = there.fit.solution - here
+        distance = float(np.max(quotient(np.abs(change), fit.std)))
+        return cls(replace(solved, fit=fit), there.target, distance, rate, wider)
+
+
+def _mixed(tried: Sequence[Array], rests: Sequence[Array], std: Array) -> Array:
+    """Return the next point of an iteration x + rest(x) by Anderson's mixing: the least rest, in `std`, as if it were linear."""
+    steps = np.diff(np.array(tried), axis=0).T
+    falls = np.diff(np.array(rests), axis=0).T
+    shares = np.linalg.lstsq(falls / std[:, None], rests[-1] / std, rcond=None)[0]
+    return np.asarray(tried[-1] + rests[-1] - (steps + falls) @ shares)
+
+
+def _with_errors(problem: Problem, solved: Solved, slopes: Array, here: Array) -> tuple[Fit, float]:
+    """Return the fit at an iterate with the covariance of the fixed point, and how much wider that is than (10)."""
+    system, fit, weights = solved.system, solved.fit, solved.fit.weights
+    n, w = len(system.names), with_velocities(system, fit.solution).w
+    made = instrumented(np.column_stack([slopes, w[:, n:]]), w, system.y, weights)
+    if made is None:
+        raise np.linalg.LinAlgError("singular response")
+    residual = system.y - system.w @ here
+    errors = residual * weights
+    spread = covariance_of_columns(system, problem.job.settings, made.left, errors, made.inverse)[:n, :n]
+    wider = float(np.max(quotient(np.sqrt(np.diag(spread)), fit.std, 1.0)))
+    factors = Factors(made.left, made.right, made.inverse, errors)
+    return replace(fit, solution=here, residual=residual, covariance=spread, factors=factors), wider
 
 
 @dataclass(frozen=True)
@@ -49,56 +139,49 @@ class FixedPointRun:
 
     Attributes
     ----------
-    solved : Solved
-        The last iterate; its fit has the residual there, and the covariance of the fixed point.
-    rate : float
-        Contraction rate of a plain iteration along the slowest direction.
-    distances : tuple of float
-        Distance from the fixed point, initially and after each step, in its standard deviations.
-    wider : float
-        Largest ratio of the fixed point's standard deviations to those for a tight loop.
+    points : sequence of Ahead
+        The iterates, from the end of the run on.
     history : tuple of Iteration
-        Steps to the fixed point.
+        Steps to the fixed point, between them.
     reached : bool
         False if a step made no progress: the response then differs from that at the fixed point, and the distance is unknown.
     """
 
-    solved: Solved
-    rate: float
-    distances: tuple[float, ...]
-    wider: float
+    points: Sequence[Ahead]
     history: tuple[Iteration, ...]
     reached: bool
 
     @property
-    def remaining(self) -> float:
-        """Upper estimate of the largest distance of a parameter from the fixed point, in standard deviations."""
-        return SAFETY * self.distances[-1]
+    def solved(self) -> Solved:
+        """The last iterate."""
+        return self.points[-1].solved
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return remarks for the result."""
+        first, last = self.points[0], self.points[-1]
         if not self.reached:
             return (
                 "slow contraction: in this slack loop no step came nearer to the fixed point, and the distance from it is unknown; "
                 "a stiffer controller contracts faster",
             )
-        if self.rate < NOTABLE and self.remaining < NOTABLE:
+        remaining = SAFETY * last.distance
+        if last.rate < NOTABLE and remaining < NOTABLE:
             return ()
         steps = len(self.history)
-        after = f", and at most {self.remaining:.2g} after {counted(steps, 'Newton step')}" if steps else ""
+        after = f", and at most {remaining:.2g} after {counted(steps, 'Newton step')}" if steps else ""
         return (
-            f"slow contraction: an iteration in this slack loop leaves {self.rate:.2g} of the distance; it ended at "
-            f"most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}",
-            f"standard deviations are up to {self.wider:.2g} times those of a tight loop, because the motion follows the "
+            f"slow contraction: an iteration in this slack loop leaves {last.rate:.2g} of the distance; it ended at "
+            f"most {SAFETY * first.distance:.2g} sigma from the fixed point{after}",
+            f"standard deviations are up to {last.wider:.2g} times those of a tight loop, because the motion follows the "
             "parameters; a stiffer controller makes them smaller",
         )
 
     def continued(self, history: Sequence[Iteration]) -> list[Iteration]:
         """Return the history of the run with the steps, and with the distances before them, now known."""
-        known = {"contraction": self.rate}
+        known = {"contraction": self.points[-1].rate}
         if self.reached:
-            known["remaining_sigma"] = SAFETY * self.distances[0]
+            known["remaining_sigma"] = SAFETY * self.points[0].distance
         last = replace(history[-1], more={**history[-1].more, **known})
         return [*history[:-1], last, *self.history]
 
@@ -121,68 +204,81 @@ def run_to_fixed_point(
     history : sequence of Iteration
         Iterations so far.
     """
-    rows = partial(torques_after, problem, iterate.x)
     try:
-        solved, origin = _solved(problem, iterate), simulated_rows(problem, iterate.simulated)
-        share = share_moved(solved.system, solved.fit, rows, origin)
+        solved, origin = _solved(problem, iterate), problem.simulated_rows(iterate.simulated)
+        share = share_moved(problem, solved, origin)
         if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
             return None
-        response = Response.at(
-            solved.system, solved.fit, rows, origin, problem.robot, projection(problem, solved)
-        )
+        slopes = response(problem, solved, origin)
+        point = None if slopes is None else Ahead.of(problem, solved, slopes)
     except (DidimError, np.linalg.LinAlgError):
         return None
-    if response is None:
+    if slopes is None or point is None:
         return None
-    distances, steps, reached = [_distance(problem, solved, response)], [], True
+    points = [point]
+    steps: list[Iteration] = []
     most = min(len(history) + MOST_STEPS, problem.method.max_iterations)
     for number in range(len(history) + 1, most + 1):
-        if distances[-1] <= NEAR:
+        if point.distance <= NEAR:
             break
-        after, length = _newton(problem, solved, response, distances[-1])
+        after, length = _newton(problem, point, slopes)
         if after is None:
-            reached = False
-            break
-        distances.append(_distance(problem, after, response))
-        steps.append(_entry(number, solved, after, length, response, distances))
-        solved = after
+            return FixedPointRun(points, tuple(steps), reached=False)
+        steps.append(_entry(number, point, after, length))
+        points.append(after)
+        point = after
         if problem.reporter.progress(steps[-1]):
             break
-    settings = problem.job.settings
-    return FixedPointRun(
-        _with_errors(problem, solved, response),
-        response.rate,
-        tuple(distances),
-        response.wider(solved.system, solved.fit, settings),
-        tuple(steps),
-        reached,
-    )
+    return FixedPointRun(points, tuple(steps), reached=True)
 
 
-def simulated_rows(problem: Problem, run: Simulated) -> Array:
-    """Return the simulated torques in the rows of (7), (r,)."""
-    parts = along_motion(problem.simulator.windows, run)
-    simulated = [replace(part, tau=motion[3]) for part, motion in zip(parts, run.motions, strict=True)]
-    return np.concatenate([torques(part, problem.job.signal) for part in simulated], axis=1).reshape(-1)
+def noise_of(fit: Fit) -> float:
+    """Return the standard deviation of a weighted row."""
+    rows, columns = len(fit.residual), len(fit.solution)
+    return float(np.linalg.norm(fit.residual * fit.weights)) / float(np.sqrt(max(1, rows - columns)))
 
 
-def torques_after(problem: Problem, x: Array, changes: Sequence[Array]) -> list[Array] | None:
-    """Return `simulated_rows` after changes of the estimated base parameters, (n,) each; None if a run ends early."""
-    beta = map(problem.job.model.unknowns.among_all, changes)
-    runs = problem.simulator.simulate_all([x + problem.base.lift(change) for change in beta])
-    torques = [simulated_rows(problem, run) for run in runs if isinstance(run, Simulated)]
-    return torques if len(torques) == len(runs) else None
+def share_moved(problem: Problem, solved: Solved, origin: Array) -> float | None:
+    """Estimate the size of J = 1 - R^-1 Q^T S by one random direction: nearly its Frobenius norm; None if unknown.
 
-
-def projection(problem: Problem, solved: Solved) -> Array | None:
-    """Return P, the derivative of a solution with respect to that of plain least squares, (n, n); None for 1."""
-    conditions, fit = problem.conditions, solved.fit
-    if conditions is None or fit.standard is None:
+    In the coordinates ``R beta`` all directions are equivalent, and the expected square along a random one is the sum of all
+    squares: those of the limb that moves most, where limbs rest by themselves.
+    """
+    system, weights = solved.system, solved.fit.weights[:, None]
+    unit, size = unit_columns(system.w * weights)
+    q, triangle = np.linalg.qr(unit)
+    diagonal = np.diag(triangle)
+    if abs(diagonal).min() < 1.0 / LARGEST_CONDITION:
         return None
-    rows = solved.system.w * (fit.weights / noise_of(fit))[:, None]
-    triangle = np.ascontiguousarray(np.linalg.qr(rows, mode="r"))
-    spread = conditions.matrix @ conditions.covariance(triangle, fit.standard) @ conditions.matrix.T
-    return np.asarray(spread @ triangle.T @ triangle)
+    # The signs of the triangle depend on the library; a positive diagonal makes the direction unique.
+    random = np.random.default_rng(len(size)).choice([-1.0, 1.0], len(size))
+    direction = np.linalg.solve(triangle, np.where(diagonal < 0.0, -1.0, 1.0) * random) / size
+    along = system.w @ direction
+    length = DIFFERENCE * noise_of(solved.fit) / float(np.linalg.norm(along * weights[:, 0]))
+    after = problem.torques_after(solved.along.x, [length * direction])
+    if after is None:
+        return None
+    moved = q.T @ (((after[0] - origin) / length - along) * weights[:, 0])
+    return max(float(np.linalg.norm(moved[part.columns])) for part in problem.parts)
+
+
+def response(problem: Problem, solved: Solved, origin: Array) -> Array | None:
+    """Return S at an iterate, (r, n), by one simulation per parameter of the largest limb; None if one ends early."""
+    system, fit = solved.system, solved.fit
+    sizes = np.linalg.norm(system.w * fit.weights[:, None], axis=0)
+    if not np.all(sizes > 0.0):
+        return None
+    lengths = DIFFERENCE * noise_of(fit) / sizes
+    acts = np.array([system.w[joint].any(axis=0) for joint in system.joints])
+    directions = Directions.of(problem.robot, acts)
+    after = problem.torques_after(solved.along.x, list(directions.changes(lengths)))
+    if after is None:
+        return None
+    pairs = zip(directions.number, lengths, strict=True)
+    slopes = np.column_stack([(after[number] - origin) / length for number, length in pairs])
+    for joint, responding in zip(system.joints, directions.joints.T, strict=True):
+        slopes[joint] *= responding
+    return slopes
 
 
 def _solved(problem: Problem, iterate: Iterate) -> Solved:
@@ -190,79 +286,37 @@ def _solved(problem: Problem, iterate: Iterate) -> Solved:
     return problem.solved(iterate, system, problem.solution(system))
 
 
-def _with_errors(problem: Problem, solved: Solved, response: Response) -> Solved:
-    """Return a point with the residual of its own parameters, instead of the solution along its motion, and their covariance."""
-    system, beta = solved.system, problem.job.estimated(solved.along.x)
-    fit = replace(solved.fit, solution=beta, residual=system.y - system.w @ beta)
-    return replace(solved, fit=response.with_errors(system, fit, problem.job.settings))
-
-
-def _distance(problem: Problem, solved: Solved, response: Response) -> float:
-    """Return the largest distance of a parameter from the fixed point, in its standard deviations."""
-    std = response.with_errors(solved.system, solved.fit, problem.job.settings).std
-    left = np.abs(response.gain @ (solved.fit.solution - problem.job.estimated(solved.along.x)))
-    return float(np.max(quotient(left, std)))
-
-
-def _newton(
-    problem: Problem, solved: Solved, response: Response, distance: float
-) -> tuple[Solved | None, float]:
-    """Take a Newton step, shortened until it makes progress; return also its length.
-
-    It is a solution of (7) with shifted torques, and therefore a robot under physical constraints.
-    """
-    target = _fixed_point(problem, solved, response).target
-    along, length = solved.along, 1.0
-    for _ in range(MOST_HALVINGS):
-        x = along.x + length * (target - along.x)
-        (run,) = problem.simulator.simulate_all([x])
+def _newton(problem: Problem, point: Ahead, slopes: Array) -> tuple[Ahead | None, float]:
+    """Take a step to the predicted fixed point, shortened until it makes progress; return also its length."""
+    along, length = point.solved.along, 1.0
+    for _ in range(MOST_LENGTHS):
+        x = along.x + length * (point.target - along.x)
+        (run,) = problem.simulate_all([x])
         if not isinstance(run, Outcome):
-            after = _solved(problem, Iterate(x, run, along.iteration + 1))
-            if _distance(problem, after, response) < distance:
+            after = Ahead.of(problem, _solved(problem, Iterate(x, run, along.iteration + 1)), slopes)
+            if after is not None and after.distance < point.distance:
                 return after, length
         length *= 0.5
     return None, 0.0
 
 
-def _fixed_point(problem: Problem, solved: Solved, response: Response) -> Solved:
-    """Return the fixed point for a linear response of the motion, as a solution of (7).
-
-    With constraints P changes along the step, so Newton's method iterates with torques predicted by the response, without a
-    simulation. Without constraints one step suffices.
-    """
-    system, std = solved.system, solved.fit.std
-    here = problem.job.estimated(solved.along.x)
-    change = np.zeros_like(here)
-    for _ in range(MOST_SOLUTIONS if problem.conditions is not None else 1):
-        share = projection(problem, solved)
-        off = solved.fit.solution - here - change
-        change = change + (response if share is None else response.under(share)).gain @ off
-        fit = problem.solution(replace(system, y=system.y + system.w @ (response.jacobian @ change)))
-        solved = problem.solved(solved.along, system, fit)
-        if np.all(np.abs(fit.solution - here - change) <= PREDICTED * std):
-            break
-    return solved
-
-
-def _entry(
-    number: int, before: Solved, after: Solved, length: float, response: Response, distances: Sequence[float]
-) -> Iteration:
+def _entry(number: int, before: Ahead, after: Ahead, length: float) -> Iteration:
     """Return the entry of the history for a step."""
-    old, new = (float(np.linalg.norm(solved.fit.residual)) for solved in (before, after))
-    start, end = before.along, after.along
+    old, new = (float(np.linalg.norm(point.solved.fit.residual)) for point in (before, after))
+    start, end = before.solved.along, after.solved.along
     return Iteration(
         iteration=number,
-        relative_error=after.system.relative_error(after.fit.residual),
+        relative_error=after.solved.system.relative_error(after.solved.fit.residual),
         step=ratio(np.linalg.norm(end.x - start.x), np.linalg.norm(end.x)),
         more={
             "step_length": length,
             "largest_safe_step": 1.0,
-            "largest_change_in_sigma": distances[-2],
+            "largest_change_in_sigma": before.distance,
             "residual_change": ratio(abs(new - old), old),
             "output_error_before": start.simulated.error,
             "output_error_after": end.simulated.error,
-            "condition_number": after.fit.condition_number,
-            "contraction": response.rate,
-            "remaining_sigma": SAFETY * distances[-1],
+            "condition_number": after.solved.fit.condition_number,
+            "contraction": after.rate,
+            "remaining_sigma": SAFETY * after.distance,
         },
     )
