@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import didim
 from didim.evidence.loop.law import loop_findings, recovered
+from didim.experiment.experiment import Experiment
 from didim.result.verdict import State
 from verdict_arms import ARMS, INDEPENDENT, Log, built, expected_error, faults, obeyed, planted
 from verdict_arms import experiment as experiment_of
@@ -141,6 +143,44 @@ def test_gains_of_a_cascade_have_the_names_of_its_file() -> None:
     assert reason.code == "controller-gain"
     assert "kv of joints 1, 2, 3, 4 and 5 is 1.2" in reason.sentence
     assert "kp of" not in reason.sentence
+
+
+def with_lasting_noise(experiment: Experiment, share: float) -> Experiment:
+    """The log with noise of its torques that lasts 66 ms, as real torques have it."""
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    memory = np.exp(-1.0 / (0.066 * recording.rate_hz))
+    white = np.random.default_rng(5).standard_normal(recording.tau.shape)
+    lasting = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=0)
+    tau = recording.tau + share * np.std(recording.tau, axis=0) * lasting
+    return replace(experiment, recordings=(replace(recording, tau=tau),))
+
+
+def test_lasting_noise_of_the_torques_is_not_another_controller(sound: dict[str, Log]) -> None:
+    """It is beyond white noise and beyond the floor of 3 %, and no signal of the loop explains it on blocks left out."""
+    for log in sound.values():
+        experiment = with_lasting_noise(log.noisy(2, 1e-3), 0.05)
+        found = recovered(experiment)
+        assert found is not None
+        assert (found.relative > 0.04).any()
+        assert loop_findings(experiment) == []
+
+
+@pytest.mark.parametrize("of", ["gravity", "torque", "dead band"])
+def test_what_a_controller_adds_is_seen_under_lasting_noise(sound: dict[str, Log], of: str) -> None:
+    """A torque that compensates gravity, a gain that grows with the torque, and a drive that gives no small torques."""
+    experiment = sound["gantry"].noisy(2, 1e-3)
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    tau, size = recording.tau, np.std(recording.tau, axis=0)
+    added = {
+        "gravity": 0.2 * size * np.sin(recording.q),
+        "torque": 0.15 * tau * np.abs(tau) / size,
+        "dead band": -np.clip(tau, -0.15 * size, 0.15 * size),
+    }
+    wrong = replace(experiment, recordings=(replace(recording, tau=tau + added[of]),))
+    (reason,) = loop_findings(with_lasting_noise(wrong, 0.05))
+    assert reason.code in ("controller", "controller-gain", "feed-forward")
 
 
 def test_white_noise_of_the_torques_is_not_another_controller(sound: dict[str, Log]) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.specs import ControllerSpec, ReferenceSpec
 from ...model.dynamics import inverse_dynamics
 from ...result.finding import Finding
+from ...terms.rows import unit_columns
 from .law_rows import LawRows
 
 AGREES = 0.03
@@ -36,6 +38,14 @@ LAGS = (-3.0, -1.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0)
 """Delays that are tried (samples)."""
 LIMITS = (0.75, 0.85, 0.9, 0.94, 0.97, 1.0)
 """Torque limits that are tried, as shares of the largest measured torque, which noise raises above the limit."""
+BLOCKS = 10
+"""Number of blocks of rows that are left out in turn where signals of the loop explain the error of the law."""
+LATE = (-3.0, 3.0, 8.0)
+"""Delays of the law's terms among these signals (samples)."""
+LEAST_SINGULAR = 1e-6
+"""Singular value of these signals, as a share of the largest, below which a direction is left out."""
+NEAR_LIMIT = 0.85
+"""Share of the largest torque above which its excess is one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +193,11 @@ def loop_findings(
                 facts={**left, "left": score**0.5, **law.facts},
             )
         ]
+    if worst <= ASTRAY:  # so far off, the torques are not those of the law whatever they follow
+        follows = _followed(rows, experiment, x)
+        off = [joint for joint in off if law_found.relative[joint] * np.sqrt(follows[joint]) > AGREES]
+    if not off:
+        return []
     return [
         Finding(
             code="controller",
@@ -193,6 +208,53 @@ def loop_findings(
             facts=left,
         )
     ]
+
+
+def _followed(rows: LawRows, experiment: Experiment, x: Array | None) -> Array:
+    """Return the share of each joint's squared error that signals of the loop explain on blocks left out, (n_dof,).
+
+    Another controller makes its torque of such signals: the terms of the law, also late; the reference's speed, acceleration,
+    direction and gravity's sine and cosine; the torque's square and what of it nears a limit; the model's torque along the
+    reference. Noise of the torques, correlated or not, follows none of them beyond the rows on which it was fitted.
+    """
+    reference = [stretch.loop.reference.at(stretch.t) for stretch in rows.stretches]
+    torque = rows.reduced(rows.torques())
+    largest = np.maximum(np.abs(torque).max(axis=0), np.finfo(float).tiny)
+    signals = [
+        *rows.columns(),
+        *(
+            rows.reduced([terms[k] for terms in late])
+            for late in (rows.terms(lag_s=lag / rows.rate_hz) for lag in LATE)
+            for k in range(len(rows.names))
+        ),
+        *(rows.reduced(each) for each in zip(*map(_of_motion, reference), strict=True)),
+        torque * np.abs(torque) / largest,
+        np.sign(torque) * np.maximum(np.abs(torque) - NEAR_LIMIT * largest, 0.0),
+    ]
+    if x is not None:
+        signals.append(rows.reduced([inverse_dynamics(experiment.robot, *motion, x) for motion in reference]))
+    every, error = np.stack(signals), rows.error(rows.law())
+    edges = np.linspace(0, len(error), BLOCKS + 1).astype(int)
+    shares = np.zeros(error.shape[1])
+    for joint, own in enumerate(error.T):
+        columns = every[:, :, joint].T - every[:, :, joint].mean(axis=1)
+        left, sizes, _ = np.linalg.svd(unit_columns(columns)[0], full_matrices=False)
+        basis = left[:, sizes > LEAST_SINGULAR * sizes[0]]
+        rest = 0.0
+        for start, stop in pairwise(edges):
+            out = basis[start:stop]
+            # Q^T Q = 1 less the block, kept regular where the block alone shows a signal.
+            normal = (1.0 + LEAST_SINGULAR) * np.eye(basis.shape[1]) - out.T @ out
+            fitted = np.linalg.solve(normal, basis.T @ own - out.T @ own[start:stop])
+            rest += float(np.sum((own[start:stop] - out @ fitted) ** 2))
+        shares[joint] = max(0.0, 1.0 - rest / max(float(own @ own), np.finfo(float).tiny))
+    return shares
+
+
+def _of_motion(motion: tuple[Array, Array, Array]) -> tuple[Array, ...]:
+    """Return what a controller may make of a reference ``q dq ddq``, (n, n_dof) each."""
+    q, dq, ddq = motion
+    return dq, ddq, np.sign(dq), np.sin(q), np.cos(q)
 
 
 def _laws(recovery: Recovered, experiment: Experiment, off: list[int], x: Array | None) -> Iterator[Law]:
