@@ -54,6 +54,8 @@ CASES: dict[str, tuple[Law, dict[str, Any]]] = {
     "Stribeck 0.1 Fc": (stribeck(0.1), {}),
     "Stribeck 0.2 Fc": (stribeck(0.2), {}),
     "Stribeck 0.4 Fc": (stribeck(0.4), {}),
+    "Stribeck 0.1 Fc, AR(1) 0.95": (stribeck(0.1), {"noise": "correlated"}),
+    "Stribeck 0.2 Fc, AR(1) 0.95": (stribeck(0.2), {"noise": "correlated"}),
     "arctangent 0.4 Fc": (atan(0.4), {}),
     "memory, 2e-3 rad": (dahl(2e-3), {}),
     "memory, 2e-2 rad": (dahl(2e-2), {}),

@@ -11,9 +11,16 @@ import pytest
 
 import didim
 import didim.regression.friction.alarm as of_residual
-from didim.regression.friction.alarm import FrictionAlarm, LawColumns, laws_to_test
+from didim.regression.friction.alarm import (
+    FrictionAlarm,
+    LawColumns,
+    _Whitening,
+    autoregression,
+    laws_to_test,
+)
 from didim.result.identification import Identification
 from didim.robot.friction import FrictionTerm
+from didim.terms.rows import LinearSystem, stacked
 from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth
 from scripts import script
 from verdict_arms import ARMS, INDEPENDENT, built
@@ -70,6 +77,29 @@ def test_a_missing_law_is_seen_and_its_shift_is_in_the_intervals(law: Law, names
         before.append(error <= factor * np.sqrt(fit.std**2 - found.shift**2))
     assert np.mean(inside) >= 0.9
     assert np.mean(before) < np.mean(inside)
+
+
+@pytest.mark.parametrize("motion", range(4))
+def test_a_law_is_seen_under_noise_that_lasts(motion: int) -> None:
+    """Its slow waves hide a Stribeck term of 0.2 Fc from the plain scores of half of the logs."""
+    assert alarm(fitted(stribeck(0.2), 5000 + motion, draw=motion, noise="correlated")).raised
+
+
+def test_an_autoregression_whitens_what_it_made() -> None:
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal(8000)
+    made = np.zeros(8000)
+    for k in range(2, 8000):
+        made[k] = 1.2 * made[k - 1] - 0.5 * made[k - 2] + white[k]
+    law = autoregression([made[:3000], made[3000:]])
+    np.testing.assert_allclose(law, [1.2, -0.5], atol=0.03)
+    assert len(autoregression([white])) == 0
+    assert len(autoregression([np.zeros(5)])) == 0
+    system = LinearSystem(w=made[:, None], y=made, blocks=stacked(1, [3000, 5000]), names=("a",))
+    rest = _Whitening.of(system, made).rows(made)
+    # The first rows of each window have none before them.
+    assert not rest[[0, 1, 3000, 3001]].any()
+    np.testing.assert_allclose(rest[2:3000], white[2:3000], atol=0.3)
 
 
 def test_a_law_with_more_columns_must_explain_more(monkeypatch: pytest.MonkeyPatch) -> None:
