@@ -106,6 +106,11 @@ SAME = {
     "two actuators": arm(
         drive('<position joint="j1" kp="9" forcerange="-5 5"/>', '<velocity joint="j1" kv="2" forcerange="-4 4"/>')
     ),
+    "servo of a follower": arm(
+        '<equality><joint joint1="j2" joint2="j1" polycoef="0 -.5 0 0 0"/></equality>',
+        drive('<position joint="j1" kp="3" forcerange="-8 8"/>', '<velocity joint="j2" kv="4" gear="-2" forcerange="-5 5"/>'),
+        two='actuatorfrcrange="-6 6"',
+    ),
     "jointinparent": arm(drive('<position jointinparent="j2" kp="8"/>')),
     "classes of actuators": arm(
         '<default><default class="q"><position kp="7" kv=".5"/></default></default>', drive('<position joint="j1" class="q"/>')
@@ -127,23 +132,48 @@ OTHER = {
         "servos of one joint are left out: m",
         arm(drive('<muscle name="m" joint="j1" lengthrange="0 1"/>')),
     ),
-    "scaled servo": (
+    "negative gain": (
         "drives told",
         "servos of one joint are left out: s",
-        arm(drive('<general name="s" joint="j1" biastype="affine" gainprm="30" biasprm="0 -20 0"/>')),
+        arm(drive('<general name="s" joint="j1" biastype="affine" gainprm="30" biasprm="0 20 0"/>')),
+    ),
+    "constant force": (
+        "drives told",
+        "servos of one joint are left out: s",
+        arm(drive('<general name="s" joint="j1" biastype="affine" biasprm="5 0 0"/>')),
+    ),
+    "scaled servo": (
+        "agree",
+        "or its speed: j1 = 0.75 s +0.2, j2 = -2 t",
+        arm(drive('<general name="s" joint="j1" gear="2" biastype="affine" gainprm="30" biasprm="8 -20 -3"/>',
+                  '<general name="t" joint="j2" gear="-1" biastype="affine" gainprm="4" biasprm="0 0 -2"/>')),
     ),
     "servo beside an integrator": (
-        "drives told",
-        "left out: i, v",
+        "agree",
+        "commands that are integrated before they are positions: i",
         arm(drive('<intvelocity name="i" joint="j1" kp="3" actrange="-1 1"/>', '<velocity name="v" joint="j1"/>')),
+    ),
+    "commands of a follower": (
+        "agree",
+        "or its speed: j1 = 2 s -0.2",
+        arm('<equality><joint joint1="j2" joint2="j1" polycoef=".1 .5 0 0 0"/></equality>',
+            drive('<position name="s" joint="j2" kp="5" kv=".2" forcerange="-3 4"/>', '<motor joint="j1" ctrlrange="-1 2"/>')),
+    ),
+    "servo of tied joints": (
+        "agree",
+        "or its speed: j1 = -0.666667 s",
+        arm('<equality><joint joint1="j2" joint2="j1" polycoef="0 1.25 0 0 0"/></equality>', tendon(""),
+            drive('<position name="s" tendon="t" kp="4" timeconst=".1" forcerange="-3 3"/>'),
+            one='actuatorfrcrange="-2 2"', two='actuatorfrcrange="-5 5"'),
+    ),
+    "weights of both": ("agree", "so gravity is 0.25 of its own", arm().replace("<body ", '<body gravcomp=".75" ')),
+    "weights that drives carry": (
+        "drives told",
+        "drives carry weights (actuatorgravcomp) beside their commands, which is left out: a, b",
+        arm(drive('<motor joint="j1"/>'), one='actuatorgravcomp="true"', two='actuatorgravcomp="true"').replace("<body ", '<body gravcomp="1" '),
     ),
     "servo of a tendon": ("drives told", "left out: s", arm(tendon(""), drive('<position name="s" tendon="t" kp="4"/>'))),
     "motor of a tendon": ("agree", "left out: s", arm(tendon(""), drive('<motor name="s" tendon="t" ctrlrange="-2 2"/>'))),
-    "servo of a follower": (
-        "drives told",
-        "drives of joints that follow others are left out: j2",
-        arm('<equality><joint joint1="j2" joint2="j1"/></equality>', drive('<position joint="j2" kp="5"/>')),
-    ),
     "curved tie": (
         "agree, loops named",
         "closed loops are cut, and what they hold moves freely: joint (j2, j1)",

@@ -142,11 +142,18 @@ def read_urdf(
         geometry = _geometry(chain, table, down, _followers(chain))
     shares = shares_of(chain, description.tendons)
     geometry = replace(geometry, coupling=tuple(map(tuple, shares.coupling.tolist())))
-    actuators = tuple(joint.actuator for joint in chain.driven)
     softness = tuple(joint.softness for joint in chain.driven)
     terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(shares.springs))
     cut = () if open else tuple(_cut(description, chain, lock or {}))
     notes += _left_out(description, chain, shares, lock or {})
+    if any(own := _compensated(description, chain)):
+        weights = "the file compensates weights (gravcomp)"
+        if gravity is None and len(own) == 1:
+            notes.append(
+                f"{weights}, so gravity is {1.0 - own[0]:g} of its own (--gravity X Y Z has another)"
+            )
+        else:
+            notes.append(f"{weights}, and the robot has them: {series(description.gravcomp, 60)}")
     named, missing = _parameters(chain, table, set_name, shares, description.incomplete)
     robot = Robot(
         name=description.name or path.stem,
@@ -155,13 +162,16 @@ def read_urdf(
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
         friction=Friction.plain(len(chain.driven), terms),
-        limits=tuple(joint.limits for joint in chain.driven),
+        limits=tuple(
+            replace(joint.limits, effort=actuator.effort) if actuator else joint.limits
+            for joint, actuator in zip(chain.driven, shares.actuators, strict=True)
+        ),
         reduction=None,
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=(*notes, *missing),
-        actuators=actuators if any(actuators) else (),
+        actuators=tuple(shares.actuators) if any(shares.actuators) else (),
         softness=softness if set(softness) != {SOFTNESS} else (),
         cut=cut,
         _named={set_name: named} if named else {},
@@ -194,13 +204,22 @@ def _gravity(gravity: Sequence[float] | None, description: Description, chain: C
     """Gravity in the base link."""
     where = description.where
     if gravity is None:
-        return np.asarray(chain.base_pose[:3, :3].T @ np.array(description.gravity))
+        # Weights that the file compensates alike are those of a smaller gravity.
+        own = _compensated(description, chain)
+        share = 1.0 - own[0] if len(own) == 1 else 1.0
+        return np.asarray(chain.base_pose[:3, :3].T @ (share * np.array(description.gravity)))
     down = np.array(gravity, dtype=np.float64)
     if down.shape != (3,) or not np.isfinite(down).all():
         raise RobotError(
             f"{where}: gravity must be three finite numbers (m/s^2, base link), got {list(gravity)!r}"
         )
     return down
+
+
+def _compensated(description: Description, chain: Chain) -> list[float]:
+    """Return the different shares of their weights that a file takes off the links of a chain."""
+    moving = [member for group in chain.groups for member in group if member.pseudo[3, 3]]
+    return sorted({description.gravcomp.get(member.link, 0.0) for member in moving})
 
 
 def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) -> list[str]:
@@ -317,8 +336,13 @@ def _left_out(
         yield f"closed loops are cut, and what they hold moves freely: {series(loops, 60)}"
     if shares.left:
         yield f"forces and armatures of tendons are left out: {series(shares.left, 60)}"
-    if driven := [joint.name for joint in chain.joints if joint.actuator and joint.name in chain.mimics]:
-        yield f"drives of joints that follow others are left out: {series(driven, 60)}"
+    if shares.unread:
+        yield (
+            "actuators other than torques, position and velocity servos of one joint are left out: "
+            f"{series(shares.unread, 70)}"
+        )
+    if shares.commands:
+        yield f"commands that are not the position of a joint, or its speed: {series(shares.commands, 160)}"
 
 
 def _parameters(
