@@ -104,6 +104,21 @@ class File:
         offsets = [follower.offset for follower in self.robot.geometry.followers]
         self.data.qpos[self.places] = self.spread[self.dofs] @ q + np.array([0.0] * n + offsets)
 
+    def replay(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return torques of the driven joints without constraints and actuators, and inertia matrices."""
+        model, off = self.model, mujoco.mjtDisableBit
+        model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_ACTUATION)
+        tau, matrices = np.zeros_like(q), np.zeros((*q.shape, q.shape[1]))
+        for k in range(len(q)):
+            self.place(q[k])
+            self.data.qvel[:], self.data.qacc[:] = self.spread @ dq[k], self.spread @ ddq[k]
+            mujoco.mj_inverse(model, self.data)
+            tau[k] = self.spread.T @ self.data.qfrc_inverse
+            whole = np.zeros((model.nv, model.nv))
+            mujoco.mj_fullM(model, self.data, whole)
+            matrices[k] = self.spread.T @ whole @ self.spread
+        return tau, matrices
+
     def differences(self) -> list[str]:
         """Return what differs."""
         robot, model, n = self.robot, self.model, self.robot.n_dof
@@ -111,21 +126,12 @@ class File:
         q, dq, ddq = (random.normal(0.0, scale, (STATES, n)) for scale in (0.8, 1.0, 2.0))
         off = mujoco.mjtDisableBit
         flags = int(model.opt.disableflags)
-        model.opt.disableflags = flags | int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_ACTUATION)
         found = self._joints()
         if "mjcf" in robot.sets:
             x = robot.parameter_set("mjcf").copy()
             x[[name.startswith(("Fc", "Fcm")) for name in robot.parameter_names]] = 0.0
             tau, M = didim.inverse_dynamics(robot, q, dq, ddq, x), didim.inertia_matrix(robot, q, x)
-            theirs, matrices = np.zeros_like(tau), np.zeros_like(M)
-            for k in range(STATES):
-                self.place(q[k])
-                self.data.qvel[:], self.data.qacc[:] = self.spread @ dq[k], self.spread @ ddq[k]
-                mujoco.mj_inverse(model, self.data)
-                theirs[k] = self.spread.T @ self.data.qfrc_inverse
-                whole = np.zeros((model.nv, model.nv))
-                mujoco.mj_fullM(model, self.data, whole)
-                matrices[k] = self.spread.T @ whole @ self.spread
+            theirs, matrices = self.replay(q, dq, ddq)
             for what, ours, other in (("inertia matrix", M, matrices), ("torques", tau, theirs)):
                 size = max(np.abs(other).max(), 1e-300)
                 if not np.abs(ours - other).max() <= TOLERANCE * size:

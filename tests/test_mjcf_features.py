@@ -170,7 +170,8 @@ OTHER = {
     "weights that drives carry": (
         "drives told",
         "drives carry weights (actuatorgravcomp) beside their commands, which is left out: a, b",
-        arm(drive('<motor joint="j1"/>'), one='actuatorgravcomp="true"', two='actuatorgravcomp="true"').replace("<body ", '<body gravcomp="1" '),
+        arm(drive('<motor joint="j1"/>'), one='actuatorgravcomp="true"', two='actuatorgravcomp="true"').replace(
+            "<body ", '<body gravcomp="1" '),
     ),
     "servo of a tendon": ("drives told", "left out: s", arm(tendon(""), drive('<position name="s" tendon="t" kp="4"/>'))),
     "motor of a tendon": ("agree", "left out: s", arm(tendon(""), drive('<motor name="s" tendon="t" ctrlrange="-2 2"/>'))),
