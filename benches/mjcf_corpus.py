@@ -241,7 +241,7 @@ class File:
         note = " ".join(each for each in self.robot.notes if each.startswith("commands that are not"))
         return [
             k
-            for k in np.flatnonzero(others)
+            for k in np.flatnonzero(others).tolist()
             if f"{self.robot.joint_names[k]} = " not in note and " more" not in note
         ]
 

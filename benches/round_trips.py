@@ -141,8 +141,9 @@ def elsewhere(before: str, after: str) -> str:
     for text in (before, after):
         left = re.sub(OTHERS, "", text, flags=re.DOTALL)
         for tag, names in WRITTEN.items():
-            attribute = re.compile(rf"""\s+({"|".join(names)})\s*=\s*("[^"]*"|'[^']*')""")
-            left = re.sub(rf"<{tag}\b[^>]*>", lambda found, own=attribute: own.sub("", found[0]), left)
+            attribute = rf"""\s+({"|".join(names)})\s*=\s*("[^"]*"|'[^']*')"""
+            for found in re.findall(rf"<{tag}\b[^>]*>", left):
+                left = left.replace(found, re.sub(attribute, "", found))
         words = re.findall(r"<[^>]*>|[^<\s]+", left)
         tokens.append([" ".join(word.replace("/>", " />").split()) for word in words])
     for one, other in zip_longest(*tokens, fillvalue="nothing"):

@@ -150,7 +150,7 @@ OTHER = {
     ),
     "servo beside an integrator": (
         "agree",
-        "commands that are integrated before they are positions: i",
+        "the command of actuator i is integrated before it is a position",
         arm(drive('<intvelocity name="i" joint="j1" kp="3" actrange="-1 1"/>', '<velocity name="v" joint="j1"/>')),
     ),
     "commands of a follower": (

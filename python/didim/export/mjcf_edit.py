@@ -122,13 +122,16 @@ def _motors(
 def _chain(
     elements: MjcfElements, joints: Collection[str], links: ExportModel | None
 ) -> tuple[Chain, Shares]:
-    """Return the chain of a file with these joints, the others locked where those of the links were, and shares of tendons."""
+    """Return the chain of a file with these joints and its shares; others are locked where those of the links were.
+
+    Without links, joints that follow others do so.
+    """
     description, lock = elements.description, {} if links is None else links.lock
     base = None if links is None or links.base not in description.links else links.base
     others = {
         joint.name: lock.get(joint.name, 0.0)
         for joint in description.joints.values()
-        if joint.kind in MOVING and joint.name not in joints
+        if joint.kind in MOVING and joint.name not in joints and (links is not None or joint.mimic is None)
     }
     chain = choose_chain(description, base=base, tip=WHOLE, lock=others).numbered()
     return chain, shares_of(chain, description.tendons)

@@ -329,28 +329,25 @@ class Reader:
     def _drives(self) -> list[Tendon]:
         """Return the actuators; note what of them a robot has not."""
         model = self.model
-        drives, rates = [], []
-        integrator = int(self.mujoco.mjtDyn.mjDYN_INTEGRATOR)
+        drives = []
         for k in range(len(model.actuator_trntype)):
             name, arms, servo = self.name("actuator", k), self.moments(k), self.servo(k)
             if hasattr(model, "actuator_delay") and model.actuator_delay[k]:
                 self.notes.append(f"the delay of actuator {name} is left out")
-            if servo.linear and model.actuator_dyntype[k] == integrator:
-                rates.append(name)
+            if servo.kp and model.actuator_dyntype[k] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR:
+                self.notes.append(f"the command of actuator {name} is integrated before it is a position")
             which = series(arms or (name,), 60)
             if servo.kv is None:
                 self.notes.append(f"kv of {which} is not known: its damping ratio needs the missing meshes")
-            rotor = [
-                float(np.ravel(getattr(model, key)[k])[0]) if hasattr(model, key) else 0.0
+            armature, damping = (
+                float(np.ravel(getattr(model, key, np.zeros(k + 1))[k])[0])
                 for key in ("actuator_armature", "actuator_damping")
-            ]
-            if any(rotor) and not arms:
+            )
+            if (armature or damping) and not arms:
                 self.unlike.append(name)
             self._checked([*(arms or {}).values()], "gear")
-            self._checked([*rotor, servo.kp, servo.kv or 0.0], f"gains of {which}")
-            drives.append(Tendon(name, arms or {}, *rotor, servo=servo))
-        if rates:
-            self.notes.append(f"commands that are integrated before they are positions: {series(rates, 60)}")
+            self._checked([armature, damping, servo.kp, servo.kv or 0.0], f"gains of {which}")
+            drives.append(Tendon(name, arms or {}, armature, damping, servo=servo))
         return drives
 
     def moments(self, k: int) -> dict[str, float] | None:
@@ -367,24 +364,20 @@ class Reader:
 
     def servo(self, k: int) -> Servo:
         """Return an actuator by its numbers."""
-        model, mj = self.model, self.mujoco
+        model = self.model
         gain, bias = float(model.actuator_gainprm[k, 0]), np.array(model.actuator_biasprm[k][:3])
         gaintype, biastype, dyntype = (
-            int(getattr(model, f"actuator_{key}type")[k]) for key in ("gain", "bias", "dyn")
+            getattr(self.mujoco, f"mjt{key}")(
+                int(getattr(model, f"actuator_{key.lower()}type")[k])
+            ).name.split("_")[1]
+            for key in ("Gain", "Bias", "Dyn")
         )
-        if biastype == int(mj.mjtBias.mjBIAS_NONE):
-            bias *= 0.0
+        bias *= biastype != "NONE"
         kp, kv = 0.0 - float(bias[1]), 0.0 - float(bias[2])
-        steers = kp or kv
-        lags = dyntype in (int(mj.mjtDyn.mjDYN_FILTER), int(mj.mjtDyn.mjDYN_FILTEREXACT))
+        steers, lags = kp or kv, dyntype.startswith("FILTER")
         linear = (
-            gaintype == int(mj.mjtGain.mjGAIN_FIXED)
-            and (not bias.any() or biastype == int(mj.mjtBias.mjBIAS_AFFINE))
-            and (
-                lags
-                or dyntype == int(mj.mjtDyn.mjDYN_NONE)
-                or (kp and dyntype == int(mj.mjtDyn.mjDYN_INTEGRATOR))
-            )
+            (gaintype, biastype) in (("FIXED", "NONE"), ("FIXED", "AFFINE"))
+            and (lags or dyntype == "NONE" or (dyntype == "INTEGRATOR" and kp))
             and min(kp, kv) >= 0.0
             and (gain if steers else not bias[0])
         )

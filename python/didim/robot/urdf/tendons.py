@@ -18,10 +18,10 @@ from ..._tools.arrays import Array
 from ..payload import LARGEST
 from ..transmission import Actuator
 from .chain import Chain
-from .mechanism import Tendon
+from .mechanism import Servo, Tendon
 
 SINGULAR = 1e-9
-"""Smallest singular value of a coupling matrix whose motors determine the speeds of all joints."""
+"""Smallest singular value of a coupling matrix whose motors determine the speeds of all joints; no difference of commands."""
 
 POWERS = (2, 2, 1)
 """Powers of a moment arm by which rotor inertia, viscous and Coulomb friction of a tendon act on a joint."""
@@ -123,53 +123,44 @@ def _row(chain: Chain, numbers: Mapping[str, int], tendon: Tendon) -> tuple[Arra
 def _pull(shares: Shares, chain: Chain, tendons: Sequence[Tendon]) -> None:
     """Give driven joints the gains and limits of actuators."""
     numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
-    efforts: dict[str, float] = {}
-    gains = {number: np.zeros(3) for number in numbers.values()}
+    gains, lags, efforts = np.zeros((2, len(numbers))), np.zeros(len(numbers)), dict[str, float]()
     for tendon in tendons:
-        servo, (row, length) = tendon.servo, _row(chain, numbers, tendon)
-        assert servo is not None
-        joints = [int(joint) for joint in np.flatnonzero(row)]
+        servo, (row, length) = tendon.servo or Servo(), _row(chain, numbers, tendon)
+        joints = np.flatnonzero(row).tolist()
         if not (servo.linear and tendon.coefficients) or len(joints) > 1:
             shares.unread.append(tendon.name)
-        if len(joints) > 1 and (servo.kp or servo.kv or not servo.linear):
-            continue
-        for name, own in tendon.coefficients.items() if joints else ():
-            # Joints that are tied together may be pulled against each other.
-            along = (
-                own * chain.mimics.get(name, (name, 1.0))[1] * (row[joints[0]] if len(joints) == 1 else own)
-            )
-            efforts[name] = efforts.get(name, 0.0) + (np.copysign(own, along) * servo.effort if own else 0.0)
-        if len(joints) != 1 or not servo.linear:
+        if not joints or (len(joints) > 1 and (servo.kp or servo.kv or not servo.linear)):
             continue
         number, arm = joints[0], float(row[joints[0]])
+        for name, own in tendon.coefficients.items():
+            # Joints that are tied together may be pulled against each other.
+            against = len(joints) == 1 and own * arm * chain.mimics.get(name, (name, 1.0))[1] < 0.0
+            effort = abs(own) * servo.effort if own else 0.0
+            efforts[name] = efforts.get(name, 0.0) + (-effort if against else effort)
+        if len(joints) > 1 or not servo.linear:
+            continue
         kv = np.nan if servo.kv is None else servo.kv
-        gains[number] += arm**2 * servo.kp, arm**2 * kv, 0.0
-        gains[number][2] = max(gains[number][2], servo.lag_s)
+        gains[:, number] += arm**2 * servo.kp, arm**2 * kv
+        lags[number] = max(lags[number], servo.lag_s)
         shares.pulled.setdefault(number, []).append((tendon.name, arm))
         slope, zero = servo.slope / arm, (servo.offset - length * (servo.kp > 0.0)) / arm
-        if (servo.kp or kv) and (abs(slope - 1.0) > SINGULAR or abs(zero) > SINGULAR):
-            name = chain.driven[number].name
-            shares.commands.append(f"{name} = {slope:.6g} {tendon.name}" + (f" {zero:+.6g}" if zero else ""))
-    for name, number in numbers.items():
-        tied = {name: 1.0} | {
-            each: abs(factor) for each, (leader, factor, _) in chain.mimics.items() if leader == name
-        }
-        largest = {joint.name: joint.largest for joint in chain.joints if joint.name in tied}
+        if (servo.kp or kv) and max(abs(slope - 1.0), abs(zero)) > SINGULAR:
+            means = f"{chain.driven[number].name} = {slope:.6g} {tendon.name}"
+            shares.commands.append(means + (f" {zero:+.6g}" if zero else ""))
+    totals: dict[str, float] = {}
+    for joint in chain.joints:
+        if joint.name in efforts:
+            leader, factor = chain.mimics.get(joint.name, (joint.name, 1.0))[:2]
+            effort = min(max(efforts[joint.name], -joint.largest), joint.largest)
+            totals[leader] = totals.get(leader, 0.0) + abs(factor) * effort
+    for joint, kp, kv, lag in zip(chain.driven, *gains.tolist(), lags.tolist(), strict=True):
         # Without an actuator a joint has the limit that the file gives it.
-        pulled = {
-            each: np.clip(efforts[each], -most, most) for each, most in largest.items() if each in efforts
-        }
-        effort = sum(tied[each] * float(most) for each, most in (pulled or {name: largest[name]}).items())
-        limit = effort if 0.0 < effort <= LARGEST else None
-        kp, kv, lag = gains[number].tolist()
-        steers = bool(kp or kv)  # which nan does
-        actuator = Actuator(
-            kp=kp or None,
-            kv=None if not steers or np.isnan(kv) else kv,
-            effort=limit,
-            lag_s=lag if steers else 0.0,
-        )
-        shares.actuators.append(actuator if pulled or limit is not None else None)
+        largest = totals.get(joint.name, joint.largest)
+        limit = largest if 0.0 < largest <= LARGEST else None
+        actuator = Actuator(effort=limit) if joint.name in totals or limit is not None else None
+        if kp or kv:
+            actuator = Actuator(kp=kp or None, kv=None if np.isnan(kv) else kv, effort=limit, lag_s=lag)
+        shares.actuators.append(actuator)
 
 
 def _motor(coupling: Array, row: Array, free: list[int]) -> int | None:
