@@ -172,7 +172,7 @@ class File:
         return moment @ self.spread
 
     def servos(self) -> np.ndarray:
-        """Return which actuators are torques, position servos or velocity servos of one joint, by their numbers."""
+        """Return which actuators are torques, or position servos or velocity servos of one joint, by their numbers."""
         model, arms = self.model, self.arms()
         found = np.zeros(len(arms), dtype=bool)
         for i, (gain, kind) in enumerate(
@@ -193,7 +193,11 @@ class File:
             follows = types in ((0, 0, 0), (0, 0, 2), (0, 0, 3)) or (types == (0, 0, 1) and bias[1])
             fits = gain != 0.0 if steers else bias[0] == 0.0
             found[i] = (
-                constant and follows and fits and max(bias[1:]) <= 0.0 and np.count_nonzero(arms[i]) <= 1
+                constant
+                and follows
+                and fits
+                and max(bias[1:]) <= 0.0
+                and (np.count_nonzero(arms[i]) <= 1 or not steers)
             )
         return found
 
@@ -221,7 +225,7 @@ class File:
         lags = np.zeros(robot.n_dof)
         filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
         for i in np.flatnonzero(servos):
-            if model.actuator_dyntype[i] in filters:
+            if model.actuator_dyntype[i] in filters and np.count_nonzero(arms[i]) == 1:
                 lags = np.maximum(lags, model.actuator_dynprm[i, 0] * (arms[i] != 0.0))
         for k, drive in enumerate(drives):
             found += self._same("gains", self.joints[k], ours[k], theirs[k])
@@ -294,7 +298,7 @@ class File:
 def switch_off(file: File, notes: str) -> None:
     """Switch off in MuJoCo's model what the notes name."""
     model = file.model
-    if "gravcomp" in notes:
+    if "(gravcomp), and the robot has them" in notes or "(actuatorgravcomp)" in notes:
         model.body_gravcomp[:] = 0.0
     if "fluid" in notes:
         model.opt.density = model.opt.viscosity = 0.0

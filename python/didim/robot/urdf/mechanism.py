@@ -19,6 +19,9 @@ from ..transmission import SOFTNESS
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints with one degree of freedom."""
 
+UNLIMITED = (-np.inf, np.inf)
+"""Limits of a force that has none."""
+
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the root link of a URDF (m/s^2)."""
 
@@ -73,8 +76,8 @@ class UrdfJoint:
         Spring of the joint (N.m/rad or N/m), and its position (rad or m) without a torque, only in an MJCF.
     zero : float
         Position (rad or m) at which an MJCF draws the joint.
-    largest : float
-        Largest torque (N.m or N) of all actuators on the joint, only in an MJCF.
+    forces : (float, float)
+        Limits of the torque (N.m or N) of all actuators on the joint, only in an MJCF.
     softness : (float, float)
         Creep and rest (s) of its friction loss, `didim.robot.transmission.softness`.
     """
@@ -95,7 +98,7 @@ class UrdfJoint:
     stiffness: float = 0.0
     rest: float = 0.0
     zero: float = 0.0
-    largest: float = np.inf
+    forces: tuple[float, float] = UNLIMITED
     softness: tuple[float, float] = SOFTNESS
 
     @property
@@ -120,19 +123,19 @@ class Servo:
         Gain on the length; zero for torques and velocity servos.
     kv : float or None
         Gain on the speed; None where the file lacks what it depends on.
-    effort : float
-        Largest force; infinity without a limit.
+    forces : (float, float)
+        Limits of its force.
     lag_s : float
         Time constant of the filter of the command (s).
     slope, offset : float
         From the command to the length, without kp the speed, that it steers to.
     linear : bool
-        Whether it is a torque, position or velocity servo, or another actuator, of which the effort is known alone.
+        Whether it is a torque, position or velocity servo; a robot has no other actuator.
     """
 
     kp: float = 0.0
     kv: float | None = 0.0
-    effort: float = np.inf
+    forces: tuple[float, float] = UNLIMITED
     lag_s: float = 0.0
     slope: float = 1.0
     offset: float = 0.0

@@ -21,7 +21,7 @@ from ..payload import LARGEST
 from ..rigid_body import pose
 from ..robot import JointLimits
 from ..transmission import TIME_CONSTANT_S, softness
-from .mechanism import MOVING, Description, Inertial, Loop, Servo, Tendon, UrdfJoint
+from .mechanism import MOVING, UNLIMITED, Description, Inertial, Loop, Servo, Tendon, UrdfJoint
 from .mjcf_compiler import Compiled, compile_mjcf
 from .xml_spans import Element
 
@@ -216,7 +216,7 @@ class Reader:
             stiffness=stiffness,
             rest=rest,
             zero=zero,
-            largest=float(np.abs(model.jnt_actfrcrange[j]).max()) if model.jnt_actfrclimited[j] else np.inf,
+            forces=tuple(model.jnt_actfrcrange[j].tolist()) if model.jnt_actfrclimited[j] else UNLIMITED,
             softness=_softness(model.dof_solref[dof], model.dof_solimp[dof]),
         )
 
@@ -381,17 +381,15 @@ class Reader:
             and min(kp, kv) >= 0.0
             and (gain if steers else not bias[0])
         )
-        limit = np.inf
-        if model.actuator_forcelimited[k]:
-            limit = float(np.abs(model.actuator_forcerange[k]).max())
-        if model.actuator_ctrllimited[k] and linear and not steers:
-            limit = min(limit, float(np.abs(model.actuator_ctrlrange[k]).max()) * abs(gain))
         if not linear:
-            return Servo(effort=limit, linear=False)
+            return Servo(linear=False)
+        forces = np.array(model.actuator_forcerange[k] if model.actuator_forcelimited[k] else UNLIMITED)
+        if model.actuator_ctrllimited[k] and not steers:
+            forces = np.clip(np.sort(gain * model.actuator_ctrlrange[k]), *forces)
         return Servo(
             kp=kp,
             kv=None if self.compiled.lost and k in self.compiled.ratios else kv,
-            effort=limit,
+            forces=tuple(forces.tolist()),
             lag_s=float(model.actuator_dynprm[k, 0]) if lags else 0.0,
             slope=gain / steers if steers else 1.0,
             offset=float(bias[0]) / steers if steers else 0.0,

@@ -123,21 +123,22 @@ def _row(chain: Chain, numbers: Mapping[str, int], tendon: Tendon) -> tuple[Arra
 def _pull(shares: Shares, chain: Chain, tendons: Sequence[Tendon]) -> None:
     """Give driven joints the gains and limits of actuators."""
     numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
-    gains, lags, efforts = np.zeros((2, len(numbers))), np.zeros(len(numbers)), dict[str, float]()
+    gains, lags = np.zeros((2, len(numbers))), np.zeros(len(numbers))
+    forces: dict[str, Array] = {}  # of each joint, to move its leader down and up
     for tendon in tendons:
         servo, (row, length) = tendon.servo or Servo(), _row(chain, numbers, tendon)
         joints = np.flatnonzero(row).tolist()
         if not (servo.linear and tendon.coefficients) or len(joints) > 1:
             shares.unread.append(tendon.name)
-        if not joints or (len(joints) > 1 and (servo.kp or servo.kv or not servo.linear)):
+        if not (joints and servo.linear) or (len(joints) > 1 and (servo.kp or servo.kv)):
             continue
         number, arm = joints[0], float(row[joints[0]])
         for name, own in tendon.coefficients.items():
-            # Joints that are tied together may be pulled against each other.
-            against = len(joints) == 1 and own * arm * chain.mimics.get(name, (name, 1.0))[1] < 0.0
-            effort = abs(own) * servo.effort if own else 0.0
-            efforts[name] = efforts.get(name, 0.0) + (-effort if against else effort)
-        if len(joints) > 1 or not servo.linear:
+            leader = chain.mimics.get(name, (name,))[0]
+            if own and leader in numbers:
+                towards = servo.forces if row[numbers[leader]] > 0.0 else servo.forces[::-1]
+                forces[name] = forces.get(name, 0.0) + own * np.array(towards)
+        if len(joints) > 1:
             continue
         kv = np.nan if servo.kv is None else servo.kv
         gains[:, number] += arm**2 * servo.kp, arm**2 * kv
@@ -147,15 +148,14 @@ def _pull(shares: Shares, chain: Chain, tendons: Sequence[Tendon]) -> None:
         if (servo.kp or kv) and max(abs(slope - 1.0), abs(zero)) > SINGULAR:
             means = f"{chain.driven[number].name} = {slope:.6g} {tendon.name}"
             shares.commands.append(means + (f" {zero:+.6g}" if zero else ""))
-    totals: dict[str, float] = {}
+    totals: dict[str, Array] = {}
     for joint in chain.joints:
-        if joint.name in efforts:
+        if joint.name in forces:
             leader, factor = chain.mimics.get(joint.name, (joint.name, 1.0))[:2]
-            effort = min(max(efforts[joint.name], -joint.largest), joint.largest)
-            totals[leader] = totals.get(leader, 0.0) + abs(factor) * effort
+            totals[leader] = totals.get(leader, 0.0) + factor * np.clip(forces[joint.name], *joint.forces)
     for joint, kp, kv, lag in zip(chain.driven, *gains.tolist(), lags.tolist(), strict=True):
         # Without an actuator a joint has the limit that the file gives it.
-        largest = totals.get(joint.name, joint.largest)
+        largest = float(np.abs(totals.get(joint.name, joint.forces)).max())
         limit = largest if 0.0 < largest <= LARGEST else None
         actuator = Actuator(effort=limit) if joint.name in totals or limit is not None else None
         if kp or kv:
