@@ -127,6 +127,24 @@ def test_another_gravity_is_said(tmp_path: Path) -> None:
     )
 
 
+def test_a_file_that_compensates_weights_keeps_its_gravity(tmp_path: Path) -> None:
+    text = SEVERAL.replace("<body ", '<body gravcomp="0.75" ')
+    robot = loaded(tmp_path, text)
+    assert np.linalg.norm(robot.geometry.gravity) == pytest.approx(0.25 * 9.81)
+    x = changed(robot)
+    content, told, _ = into_mjcf(tmp_path / "own.xml", Source(robot, x), None)
+    assert difference(robot, x, content.decode()) < 1e-12
+    assert "gravity" not in told
+    # The robot without compensation goes into the same file, which keeps it.
+    whole = loaded(tmp_path, text, gravity=[0.0, 0.0, -9.81])
+    assert any("and the robot has them: fork, lamp, hand" in note for note in whole.notes)
+    _, told, _ = into_mjcf(tmp_path / "own.xml", Source(whole, x), None)
+    assert (
+        "gravity of the file stays 0.0 0.0 -2.4525 in its base, and that of the result is 0.0 0.0 -9.81"
+        in told
+    )
+
+
 def test_parameters_of_the_file_itself_change_nothing(tmp_path: Path) -> None:
     robot = loaded(tmp_path, SEVERAL)
     assert written(robot, robot.parameter_set("mjcf"), tmp_path / "own.xml") == SEVERAL

@@ -84,6 +84,11 @@ class Reader:
         """Names of the bodies, made up where the file has none."""
         return [WORLD, *(self.model.body(b).name or f"body_{b}" for b in range(1, self.model.nbody))]
 
+    @property
+    def gravcomp(self) -> dict[str, float]:
+        """Share of its weight that each body does not feel."""
+        return {self.bodies[b]: float(each) for b, each in enumerate(self.model.body_gravcomp) if each}
+
     def name(self, kind: str, index: int) -> str:
         """Return the name of an object of a kind such as "tendon"; its number where the file has none."""
         return getattr(self.model, kind)(index).name or f"{kind} {index + 1}"
@@ -98,7 +103,6 @@ class Reader:
         loops = self._equalities()
         tendons = [tendon for t in range(model.ntendon) if (tendon := self._tendon(t)) is not None]
         tendons += self._drives()
-        gravcomp = self._gravcomp()
         self._world()
         off = self.mujoco.mjtDisableBit
         weightless = bool(model.opt.disableflags & int(off.mjDSBL_GRAVITY))
@@ -115,20 +119,9 @@ class Reader:
             notes=tuple(self.notes),
             tendons=tuple(tendons),
             loops=tuple(loops),
-            gravcomp=gravcomp,
+            gravcomp={} if any(model.jnt_actgravcomp) else self.gravcomp,
             incomplete=tuple(self.bodies[b] for b in sorted(self.compiled.lost)),
         )
-
-    def _gravcomp(self) -> dict[str, float]:
-        """Return the share of its weight that each body does not feel; those that actuators carry are only noted."""
-        model = self.model
-        shares = {self.bodies[b]: float(each) for b, each in enumerate(model.body_gravcomp) if each}
-        if shares and any(model.jnt_actgravcomp):
-            self.notes.append(
-                f"drives carry weights (actuatorgravcomp) beside their commands, which is left out: {series(shares, 60)}"
-            )
-            return {}
-        return shares
 
     def _checked(self, values: Any, what: str) -> Array:
         numbers = np.array(values, dtype=np.float64)
@@ -310,6 +303,9 @@ class Reader:
             "forces of tendons along a path or within a range are left out: ": self.unlike,
             "nonlinear springs and dampers are left out: ": [
                 self.names[j] for j in self.names if self._curved(j)
+            ],
+            "drives carry weights (actuatorgravcomp) beside their commands, which is left out: ": [
+                *(self.gravcomp if any(model.jnt_actgravcomp) else ())
             ],
             "the file switches off what the robot has: ": [
                 flag.lower() for flag, bit in bits.items() if model.opt.disableflags & int(bit)

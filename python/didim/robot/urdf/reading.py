@@ -204,16 +204,20 @@ def _gravity(gravity: Sequence[float] | None, description: Description, chain: C
     """Gravity in the base link."""
     where = description.where
     if gravity is None:
-        # Weights that the file compensates alike are those of a smaller gravity.
-        own = _compensated(description, chain)
-        share = 1.0 - own[0] if len(own) == 1 else 1.0
-        return np.asarray(chain.base_pose[:3, :3].T @ (share * np.array(description.gravity)))
+        return own_gravity(description, chain)
     down = np.array(gravity, dtype=np.float64)
     if down.shape != (3,) or not np.isfinite(down).all():
         raise RobotError(
             f"{where}: gravity must be three finite numbers (m/s^2, base link), got {list(gravity)!r}"
         )
     return down
+
+
+def own_gravity(description: Description, chain: Chain) -> Array:
+    """Gravity of a file (3,) in the base link (m/s^2): weights that are compensated alike are those of a smaller one."""
+    own = _compensated(description, chain)
+    share = 1.0 - own[0] if len(own) == 1 else 1.0
+    return np.asarray(chain.base_pose[:3, :3].T @ (share * np.array(description.gravity)))
 
 
 def _compensated(description: Description, chain: Chain) -> list[float]:
