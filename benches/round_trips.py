@@ -62,7 +62,7 @@ OTHERS = (
     r"<inertial\b[^>]*/>|<inertial\b.*?</inertial>|<!-- (inertial|didim): .*?-->|<dynamics\b[^>]*/>|"
     r"</?mujoco(include)?\b[^>]*>"
 )
-"""What an export writes in a URDF, inertias of an MJCF, and what opens and closes its parts."""
+"""Inertias and drives of a URDF, inertias of an MJCF, and what opens and closes its parts."""
 INCLUDE = r"""<!--.*?-->|<include\s+file=["']([^"']*)["']\s*(?:/>|>\s*</include>)"""
 """Includes, and comments, which may have some."""
 PREFIX = r"\b(drake|drive|controller|sensor|interface):"

@@ -146,14 +146,7 @@ def read_urdf(
     terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(shares.springs))
     cut = () if open else tuple(_cut(description, chain, lock or {}))
     notes += _left_out(description, chain, shares, lock or {})
-    if any(own := _compensated(description, chain)):
-        weights = "the file compensates weights (gravcomp)"
-        if gravity is None and len(own) == 1:
-            notes.append(
-                f"{weights}, so gravity is {1.0 - own[0]:g} of its own (--gravity X Y Z has another)"
-            )
-        else:
-            notes.append(f"{weights}, and the robot has them: {series(description.gravcomp, 60)}")
+    notes += _weights(description, chain, gravity is None)
     named, missing = _parameters(chain, table, set_name, shares, description.incomplete)
     robot = Robot(
         name=description.name or path.stem,
@@ -162,10 +155,7 @@ def read_urdf(
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
         friction=Friction.plain(len(chain.driven), terms),
-        limits=tuple(
-            replace(joint.limits, effort=actuator.effort) if actuator else joint.limits
-            for joint, actuator in zip(chain.driven, shares.actuators, strict=True)
-        ),
+        limits=tuple(shares.limits),
         reduction=None,
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
@@ -224,6 +214,16 @@ def _compensated(description: Description, chain: Chain) -> list[float]:
     """Return the different shares of their weights that a file takes off the links of a chain."""
     moving = [member for group in chain.groups for member in group if member.pseudo[3, 3]]
     return sorted({description.gravcomp.get(member.link, 0.0) for member in moving})
+
+
+def _weights(description: Description, chain: Chain, by_file: bool) -> Iterator[str]:
+    """Return a sentence on weights that the file compensates."""
+    if any(own := _compensated(description, chain)):
+        weights = "the file compensates weights (gravcomp)"
+        if by_file and len(own) == 1:
+            yield f"{weights}, so gravity is {1.0 - own[0]:g} of its own (--gravity X Y Z has another)"
+        else:
+            yield f"{weights}, and the robot has them: {series(description.gravcomp, 60)}"
 
 
 def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) -> list[str]:
@@ -346,7 +346,7 @@ def _left_out(
             f"{series(shares.unread, 70)}"
         )
     if shares.commands:
-        yield f"commands that are not the position of a joint, or its speed: {series(shares.commands, 160)}"
+        yield f"commands that are not the position of a joint, or its speed: {series(shares.commands, 120)}"
 
 
 def _parameters(

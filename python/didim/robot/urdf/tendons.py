@@ -10,12 +10,13 @@ Tested in ``tests/test_mjcf_features.py`` against MuJoCo.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..._tools.arrays import Array
 from ..payload import LARGEST
+from ..robot import JointLimits
 from ..transmission import Actuator
 from .chain import Chain
 from .mechanism import Servo, Tendon
@@ -47,6 +48,8 @@ class Shares:
         Names of tendons that a robot cannot represent.
     actuators : list of Actuator or None
         Gains and limit of each driven joint's actuators.
+    limits : list of JointLimits
+        Limits of each driven joint, with that of its actuators.
     pulled : mapping of int to list of (str, float)
         Names of the servos that these are made of, and their moment arms.
     commands : list of str
@@ -62,6 +65,7 @@ class Shares:
     sources: dict[int, tuple[str, float]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
     actuators: list[Actuator | None] = field(default_factory=list)
+    limits: list[JointLimits] = field(default_factory=list)
     pulled: dict[int, list[tuple[str, float]]] = field(default_factory=dict)
     commands: list[str] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
@@ -161,6 +165,7 @@ def _pull(shares: Shares, chain: Chain, tendons: Sequence[Tendon]) -> None:
         if kp or kv:
             actuator = Actuator(kp=kp or None, kv=None if np.isnan(kv) else kv, effort=limit, lag_s=lag)
         shares.actuators.append(actuator)
+        shares.limits.append(replace(joint.limits, effort=limit) if actuator else joint.limits)
 
 
 def _motor(coupling: Array, row: Array, free: list[int]) -> int | None:
