@@ -4,10 +4,10 @@
 
 reads each MJCF below the folders with `didim.load_robot` and compares it with MuJoCo's model at random states: M(q) with
 armatures, inverse dynamics without constraints, which has the passive forces of springs and dampers, ties between joints, gains,
-lags, limits and meaning of commands of actuators, limits and friction of joints. A difference is **told** where it vanishes as soon as what the notes
-name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**. Actuators that no robot
-has, such as muscles, are counted apart of the other told ones: M and the torques then agree. Files that MuJoCo itself
-refuses, and those without a joint that moves, are counted apart. Ends with 1 if a difference is silent.
+lags, limits and meaning of commands of actuators, limits and friction of joints. A difference is **told** where it vanishes as
+soon as what the notes name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**.
+Actuators that no robot has, such as muscles, are counted apart of the other told ones: M and the torques then agree. Files that
+MuJoCo itself refuses, and those without a joint that moves, are counted apart. Ends with 1 if a difference is silent.
 """
 
 from __future__ import annotations
