@@ -4,10 +4,10 @@
 
 reads each MJCF below the folders with `didim.load_robot` and compares it with MuJoCo's model at random states: M(q) with
 armatures, inverse dynamics without constraints, which has the passive forces of springs and dampers, ties between joints, gains,
-lags and limits of actuators, limits and friction of joints. A difference is **told** where it vanishes as soon as what the notes
-name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**. Actuators that no robot
-has, such as muscles, are counted apart of the other told ones: M and the torques then agree. Files that MuJoCo itself
-refuses, and those without a joint that moves, are counted apart. Ends with 1 if a difference is silent.
+lags, limits and meaning of commands of actuators, limits and friction of joints. A difference is **told** where it vanishes as
+soon as what the notes name is switched off in MuJoCo's model, or where the file is refused in a sentence; else it is **silent**.
+Actuators that no robot has, such as muscles, are counted apart of the other told ones: M and the torques then agree. Files that
+MuJoCo itself refuses, and those without a joint that moves, are counted apart. Ends with 1 if a difference is silent.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ FAR = 5e9
 """A command beyond all limits; MuJoCo refuses those above 1e10."""
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 """Joints with one coordinate."""
+JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+"""Transmissions to one joint."""
+TENDON, WRAPPED = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtWrap.mjWRAP_JOINT)
+"""Transmission to a tendon, and what a fixed one wraps."""
 
 
 def compiled(path: Path) -> Any:
@@ -100,6 +104,21 @@ class File:
         offsets = [follower.offset for follower in self.robot.geometry.followers]
         self.data.qpos[self.places] = self.spread[self.dofs] @ q + np.array([0.0] * n + offsets)
 
+    def replay(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return torques of the driven joints without constraints and actuators, and inertia matrices."""
+        model, off = self.model, mujoco.mjtDisableBit
+        model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_ACTUATION)
+        tau, matrices = np.zeros_like(q), np.zeros((*q.shape, q.shape[1]))
+        for k in range(len(q)):
+            self.place(q[k])
+            self.data.qvel[:], self.data.qacc[:] = self.spread @ dq[k], self.spread @ ddq[k]
+            mujoco.mj_inverse(model, self.data)
+            tau[k] = self.spread.T @ self.data.qfrc_inverse
+            whole = np.zeros((model.nv, model.nv))
+            mujoco.mj_fullM(model, self.data, whole)
+            matrices[k] = self.spread.T @ whole @ self.spread
+        return tau, matrices
+
     def differences(self) -> list[str]:
         """Return what differs."""
         robot, model, n = self.robot, self.model, self.robot.n_dof
@@ -107,21 +126,12 @@ class File:
         q, dq, ddq = (random.normal(0.0, scale, (STATES, n)) for scale in (0.8, 1.0, 2.0))
         off = mujoco.mjtDisableBit
         flags = int(model.opt.disableflags)
-        model.opt.disableflags = flags | int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_ACTUATION)
         found = self._joints()
         if "mjcf" in robot.sets:
             x = robot.parameter_set("mjcf").copy()
             x[[name.startswith(("Fc", "Fcm")) for name in robot.parameter_names]] = 0.0
             tau, M = didim.inverse_dynamics(robot, q, dq, ddq, x), didim.inertia_matrix(robot, q, x)
-            theirs, matrices = np.zeros_like(tau), np.zeros_like(M)
-            for k in range(STATES):
-                self.place(q[k])
-                self.data.qvel[:], self.data.qacc[:] = self.spread @ dq[k], self.spread @ ddq[k]
-                mujoco.mj_inverse(model, self.data)
-                theirs[k] = self.spread.T @ self.data.qfrc_inverse
-                whole = np.zeros((model.nv, model.nv))
-                mujoco.mj_fullM(model, self.data, whole)
-                matrices[k] = self.spread.T @ whole @ self.spread
+            theirs, matrices = self.replay(q, dq, ddq)
             for what, ours, other in (("inertia matrix", M, matrices), ("torques", tau, theirs)):
                 size = max(np.abs(other).max(), 1e-300)
                 if not np.abs(ours - other).max() <= TOLERANCE * size:
@@ -149,42 +159,95 @@ class File:
         same = ours == other or abs(ours - other) <= TOLERANCE * max(1.0, abs(other))
         return [] if same else [f"{what} of {self.joint_name(j)}: {ours:.6g}, {other:.6g}"]
 
+    def arms(self) -> np.ndarray:
+        """Return the moments of all actuators on the driven joints at position zero, a row each."""
+        model, data = self.model, self.data
+        moment = np.zeros((len(model.actuator_trntype), model.nv))
+        self.place(np.zeros(self.robot.n_dof))
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        if len(moment):
+            rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+            mujoco.mju_sparse2dense(moment, data.actuator_moment, *rows)
+        return moment @ self.spread
+
+    def servos(self) -> np.ndarray:
+        """Return which actuators are torques, or position servos or velocity servos of one joint, by their numbers."""
+        model, arms = self.model, self.arms()
+        found = np.zeros(len(arms), dtype=bool)
+        for i, (gain, kind) in enumerate(
+            zip(model.actuator_gainprm[:, 0], model.actuator_trntype, strict=True)
+        ):
+            bias = model.actuator_biasprm[i][:3] * model.actuator_biastype[i]
+            steers = bias[1] or bias[2]
+            wraps = (
+                range(
+                    model.tendon_adr[j := model.actuator_trnid[i, 0]],
+                    model.tendon_adr[j] + model.tendon_num[j],
+                )
+                if kind == TENDON
+                else ()
+            )
+            constant = kind in JOINT or (kind == TENDON and all(model.wrap_type[k] == WRAPPED for k in wraps))
+            types = (model.actuator_gaintype[i], model.actuator_biastype[i] // 2, model.actuator_dyntype[i])
+            follows = types in ((0, 0, 0), (0, 0, 2), (0, 0, 3)) or (types == (0, 0, 1) and bias[1])
+            fits = gain != 0.0 if steers else bias[0] == 0.0
+            found[i] = (
+                constant
+                and follows
+                and fits
+                and max(bias[1:]) <= 0.0
+                and (np.count_nonzero(arms[i]) <= 1 or not steers)
+            )
+        return found
+
     def _gains(self, q: np.ndarray, dq: np.ndarray) -> list[str]:
-        """Compare torques of actuators without commands and limits."""
-        model, robot = self.model, self.robot
+        """Compare torques of actuators without commands and limits, less those at zero, which the notes name."""
+        model, robot, data = self.model, self.robot, self.data
         limited = {key: getattr(model, key).copy() for key in ("actuator_forcelimited", "jnt_actfrclimited")}
         for key in limited:
             getattr(model, key)[:] = 0
         drives = [*robot.actuators] or [None] * robot.n_dof
         kp = np.array([(drive and drive.kp) or 0.0 for drive in drives])
         kv = np.array([(drive and drive.kv) or 0.0 for drive in drives])
-        self.place(q[0])
-        self.data.qvel[:] = self.spread @ dq[0]
-        self.data.ctrl[:], self.data.act[:] = 0.0, 0.0
-        mujoco.mj_forward(model, self.data)
-        theirs = self.spread.T @ self.data.qfrc_actuator
-        ours = -kp * q[0] - kv * dq[0]
+        torques = []
+        for place, speed in ((q[0], dq[0]), (0.0 * q[0], 0.0 * q[0])):
+            self.place(place)
+            data.qvel[:] = self.spread @ speed
+            data.ctrl[:], data.act[:] = 0.0, 0.0
+            mujoco.mj_forward(model, data)
+            torques.append(self.spread.T @ data.qfrc_actuator)
         for key, values in limited.items():
             getattr(model, key)[:] = values
-        found = [
-            each
-            for k in range(robot.n_dof)
-            for each in self._same("gains", self.joints[k], ours[k], theirs[k])
-        ]
+        theirs, ours = torques[0] - torques[1], -kp * q[0] - kv * dq[0]
+        commands, arms, servos = self._commands(torques[1]), self.arms(), self.servos()
+        found = [f"command of {self.joint_name(self.joints[k])}" for k in commands]
         lags = np.zeros(robot.n_dof)
         filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-        for i in range(len(model.actuator_trntype)):
-            j = int(model.actuator_trnid[i, 0])
-            if (
-                model.actuator_trntype[i] <= 1
-                and j in self.joints[: robot.n_dof]
-                and model.actuator_dyntype[i] in filters
-            ):
-                lags[self.joints.index(j)] = max(lags[self.joints.index(j)], model.actuator_dynprm[i, 0])
+        for i in np.flatnonzero(servos):
+            if model.actuator_dyntype[i] in filters and np.count_nonzero(arms[i]) == 1:
+                lags = np.maximum(lags, model.actuator_dynprm[i, 0] * (arms[i] != 0.0))
         for k, drive in enumerate(drives):
+            found += self._same("gains", self.joints[k], ours[k], theirs[k])
             if drive and drive.kp:
                 found += self._same("lag", self.joints[k], drive.lag_s, lags[k])
         return found
+
+    def _commands(self, at_zero: np.ndarray) -> list[int]:
+        """Return joints with a servo whose command is not their position or speed, and whose names the notes lack."""
+        model, arms, servos = self.model, self.arms(), self.servos()
+        others = np.abs(at_zero) > TOLERANCE
+        for i in np.flatnonzero(servos):
+            bias = model.actuator_biasprm[i] * model.actuator_biastype[i]
+            if steers := -(bias[1] or bias[2]):
+                scaled = np.abs(model.actuator_gainprm[i, 0] / steers - arms[i]) > TOLERANCE * np.abs(arms[i])
+                others |= (arms[i] != 0.0) & scaled
+        note = " ".join(each for each in self.robot.notes if each.startswith("commands that are not"))
+        return [
+            k
+            for k in np.flatnonzero(others).tolist()
+            if f"{self.robot.joint_names[k]} = " not in note and " more" not in note
+        ]
 
     def _limits(self) -> list[str]:
         """Compare the largest torques, those of commands beyond all limits."""
@@ -194,27 +257,16 @@ class File:
         ctrl_limits = model.actuator_ctrllimited.copy()
         model.actuator_ctrllimited[~torques] = 0  # commands of servos are positions
         largest = np.zeros((2, n))
-        moment = np.zeros((len(torques), model.nv))
-        self.place(np.zeros(n))
-        self.data.qvel[:] = 0.0
-        mujoco.mj_forward(model, self.data)
-        if len(torques):
-            mujoco.mju_sparse2dense(
-                moment,
-                self.data.actuator_moment,
-                self.data.moment_rownnz,
-                self.data.moment_rowadr,
-                self.data.moment_colind,
-            )
-        for k, joint in enumerate(self.dofs[:n]):
-            towards = np.sign(moment[:, joint] * model.actuator_gainprm[:, 0]) * FAR
+        arms = self.arms()
+        for k in range(n):
+            towards = np.sign(arms[:, k] * model.actuator_gainprm[:, 0]) * FAR
             for command, at in ((towards, 0), (-towards, 0), (0.5 * towards, 1), (-0.5 * towards, 1)):
                 self.data.ctrl[:] = command[: model.nu]
                 self.data.act[:] = 0.0
                 for i in np.flatnonzero(model.actuator_actnum == 1):
                     self.data.act[model.actuator_actadr[i]] = command[i]
                 mujoco.mj_forward(model, self.data)
-                largest[at, k] = max(largest[at, k], abs(self.data.qfrc_actuator[joint]))
+                largest[at, k] = max(largest[at, k], abs(self.spread[:, k] @ self.data.qfrc_actuator))
         model.actuator_ctrllimited[:] = ctrl_limits
         ours = [limits.effort for limits in self.robot.limits]
         # A limit does not depend on the command.
@@ -243,24 +295,10 @@ class File:
         return len(seen[0]) != len(seen[1]) or bool((np.abs(seen[0] - seen[1]) > TOLERANCE).any())
 
 
-def is_servo(model: Any, i: int) -> bool:
-    """Whether all actuators of a joint are torques, position servos or velocity servos, by their numbers."""
-
-    def linear(k: int) -> bool:
-        gain, bias = model.actuator_gainprm[k, 0], model.actuator_biasprm[k] * model.actuator_biastype[k]
-        steers = -(bias[1] or bias[2])
-        fits = bias[0] == 0.0 and (not steers or abs(gain - steers) <= TOLERANCE * abs(gain))
-        types = (model.actuator_gaintype[k], model.actuator_biastype[k] // 2, model.actuator_dyntype[k])
-        return bool(fits and types in ((0, 0, 0), (0, 0, 2), (0, 0, 3)))
-
-    of_joints = model.actuator_trntype <= 1
-    own = np.flatnonzero(of_joints & (model.actuator_trnid[:, 0] == model.actuator_trnid[i, 0]))
-    return bool(of_joints[i]) and all(linear(int(k)) for k in own)
-
-
-def switch_off(model: Any, notes: str) -> None:
+def switch_off(file: File, notes: str) -> None:
     """Switch off in MuJoCo's model what the notes name."""
-    if "gravcomp" in notes:
+    model = file.model
+    if "(gravcomp), and the robot has them" in notes or "(actuatorgravcomp)" in notes:
         model.body_gravcomp[:] = 0.0
     if "fluid" in notes:
         model.opt.density = model.opt.viscosity = 0.0
@@ -273,16 +311,9 @@ def switch_off(model: Any, notes: str) -> None:
         if "of tendons" in notes and (name in notes or " more" in notes):
             for key in ("armature", "damping", "frictionloss", "stiffness"):
                 getattr(model, f"tendon_{key}")[t] = 0.0
-    follow = {
-        int(model.eq_obj1id[e])
-        for e in range(model.neq)
-        if model.eq_type[e] == int(mujoco.mjtEq.mjEQ_JOINT) and "drives of joints that follow" in notes
-    }
-    for i in range(len(model.actuator_trntype)) if "actuators other than" in notes or follow else ():
-        drives = int(model.actuator_trnid[i, 0]) if model.actuator_trntype[i] <= 1 else -1
-        if drives in follow or ("actuators other than" in notes and not is_servo(model, i)):
-            model.actuator_gainprm[i] = model.actuator_biasprm[i] = 0.0
-            model.actuator_gaintype[i] = model.actuator_biastype[i] = 0
+    for i in np.flatnonzero(~file.servos()) if "actuators other than" in notes else ():
+        model.actuator_gainprm[i] = model.actuator_biasprm[i] = 0.0
+        model.actuator_gaintype[i] = model.actuator_biastype[i] = 0
     if "kv of" in notes:
         model.actuator_biasprm[:, 2] = 0.0
     if "switches off" in notes:
@@ -318,11 +349,11 @@ def verdict(path: Path) -> tuple[str, list[str]]:
         return "silent", [*found, "closed loops are not named"]
     if not found:
         return ("agree, loops named" if any(words) else "agree"), []
-    switch_off(model, notes)
+    switch_off(File(robot, model), notes)
     left = File(robot, model).differences()
     if left:
         return "silent", left
-    drives = all(each.startswith(("gains", "effort", "lag")) for each in found)
+    drives = all(each.startswith(("gains", "effort", "lag", "command")) for each in found)
     return ("drives told" if drives else "told"), [*found, *robot.notes]
 
 

@@ -126,6 +126,18 @@ def random_motion(rng: np.random.Generator, samples: int, n_dof: int) -> Motion:
     return Motion(rng.uniform(-3, 3, shape), rng.uniform(-2, 2, shape), rng.uniform(-5, 5, shape))
 
 
+def changed(robot: Robot, kind: str = "mjcf") -> Array:
+    """Return the parameters of a robot's file with other bodies and drives; massless links stay so."""
+    rng = np.random.default_rng(0)
+    x = robot.parameter_set(kind).copy()
+    for j in range(robot.n_joints):
+        first = robot.parameter_names.index(f"XX{j + 1}")
+        x[first : first + 10] *= rng.uniform(1.1, 1.6)
+        for key in ("Ia", "Fv", "Fc"):
+            x[robot.parameter_names.index(f"{key}{j + 1}")] += rng.uniform(0.1, 0.5)
+    return x
+
+
 def slow_motion(rng: np.random.Generator, samples: int, robot: Robot) -> Motion:
     """Return such states of which each joint has a third where its friction turns: half of these are inside its dead zone."""
     motion = random_motion(rng, samples, robot.n_dof)

@@ -19,6 +19,7 @@ from didim.export.drives import Drives, JointDrive, drives_of, for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.result.identification import Identification
 from didim.result.iteration import Status
+from didim.robot.transmission import Actuator
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
 
@@ -132,6 +133,33 @@ def test_an_included_file_that_changes_stands_in_its_place(tmp_path: Path) -> No
     content, _ = edit_mjcf(BOTH, path)
     assert content.decode().replace(others, "") == whole.decode()
     assert others in content.decode()
+
+
+def test_a_servo_of_tied_joints_keeps_what_its_command_means(tmp_path: Path) -> None:
+    """A hand whose fingers share a servo on the mean of their positions, in bits."""
+    body = '<body><joint name="{}" type="slide" axis="0 {} 0" armature=".1"/><geom size=".02"/></body>'
+    text = (
+        f"<mujoco><worldbody>{body.format('right', 1)}{body.format('left', -1)}</worldbody>"
+        '<equality><joint joint1="left" joint2="right" polycoef=".1 2 0 0 0"/></equality>'
+        '<tendon><fixed name="mean"><joint joint="right" coef=".5"/><joint joint="left" coef=".5"/></fixed></tendon>'
+        '<actuator><general name="grip" tendon="mean" biastype="affine" gainprm=".4" biasprm="3 -100 -10" forcerange="-6 6"/>'
+        "</actuator></mujoco>"
+    )
+    path = written(tmp_path, text)
+    before = didim.load_robot(path, tip="")
+    # The tendon is 1.5 of the right finger's position, plus 0.05.
+    assert before.actuators == (Actuator(kp=225.0, kv=22.5, effort=9.0),)
+    means = "commands that are not the position of a joint, or its speed: right = 0.00266667 grip -0.0133333"
+    assert means in before.notes
+    drive = JointDrive(
+        joint="right", kind="prismatic", rotor=0.0, viscous=0.0, coulomb=0.0, kp=90.0, kv=9.0, effort=4.5
+    )
+    content, _ = edit_mjcf(Drives((drive,)), path)
+    assert 'gainprm="0.16" biasprm="1.2 -40.0 -4.0" forcerange="-3.0 3.0"' in content.decode()
+    path.write_bytes(content)
+    after = didim.load_robot(path, tip="")
+    assert after.actuators == (Actuator(kp=90.0, kv=9.0, effort=4.5),)
+    assert means in after.notes
 
 
 def test_a_damping_ratio_gives_way_to_the_gain(tmp_path: Path) -> None:

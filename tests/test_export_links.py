@@ -6,6 +6,7 @@ import importlib.util
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import mujoco
 import numpy as np
@@ -21,14 +22,14 @@ from didim.export.mjcf_edit import edit_mjcf
 from didim.export.source import Source
 from didim.export.write import into_mjcf
 from didim.robot.robot import Robot
-from didim.robot.urdf.mjcf_elements import mjcf_elements
 from engines import mujoco_torques, sdf_torques
-from robots import random_motion
+from robots import changed, random_motion
+from scripts import script
 from simulated import experiment, log
 from test_couplings import gripper
 from test_export_mjcf import wrist_parameters
-from test_export_urdf import declared, only
-from urdfs import made, pinocchio_model, pinocchio_torques
+from test_export_urdf import only
+from urdfs import made
 
 Array = NDArray[np.float64]
 
@@ -59,18 +60,6 @@ SEVERAL = """<mujoco model="several">
 def loaded(folder: Path, text: str, **options: object) -> Robot:
     (folder / "own.xml").write_text(text)
     return didim.load_robot(folder / "own.xml", snap=0.0, **options)  # type: ignore[arg-type]
-
-
-def changed(robot: Robot, seed: int = 0, kind: str = "mjcf") -> Array:
-    """The parameters of a file with other bodies and drives; massless links stay so."""
-    rng = np.random.default_rng(seed)
-    x = robot.parameter_set(kind).copy()
-    for j in range(robot.n_joints):
-        first = robot.parameter_names.index(f"XX{j + 1}")
-        x[first : first + 10] *= rng.uniform(1.1, 1.6)
-        for key in ("Ia", "Fv", "Fc"):
-            x[robot.parameter_names.index(f"{key}{j + 1}")] += rng.uniform(0.1, 0.5)
-    return x
 
 
 def written(robot: Robot, x: Array, path: Path) -> str:
@@ -135,6 +124,24 @@ def test_another_gravity_is_said(tmp_path: Path) -> None:
     _, told, _ = into_mjcf(tmp_path / "own.xml", Source(robot, changed(robot)), None)
     assert (
         "gravity of the file stays 0.0 0.0 -9.81 in its base, and that of the result is 0.0 0.0 -3.7" in told
+    )
+
+
+def test_a_file_that_compensates_weights_keeps_its_gravity(tmp_path: Path) -> None:
+    text = SEVERAL.replace("<body ", '<body gravcomp="0.75" ')
+    robot = loaded(tmp_path, text)
+    assert np.linalg.norm(robot.geometry.gravity) == pytest.approx(0.25 * 9.81)
+    x = changed(robot)
+    content, told, _ = into_mjcf(tmp_path / "own.xml", Source(robot, x), None)
+    assert difference(robot, x, content.decode()) < 1e-12
+    assert "gravity" not in told
+    # The robot without compensation goes into the same file, which keeps it.
+    whole = loaded(tmp_path, text, gravity=[0.0, 0.0, -9.81])
+    assert any("and the robot has them: fork, lamp, hand" in note for note in whole.notes)
+    _, told, _ = into_mjcf(tmp_path / "own.xml", Source(whole, x), None)
+    assert (
+        "gravity of the file stays 0.0 0.0 -2.4525 in its base, and that of the result is 0.0 0.0 -9.81"
+        in told
     )
 
 
@@ -424,66 +431,45 @@ DESCRIPTIONS = [
 ]  # fmt: skip
 
 
-def by_mujoco(path: Path, robot: Robot, state: tuple[Array, ...]) -> Array:
-    """Torques of an MJCF by ``mj_inverse`` without constraints, as compiled without its meshes; other joints stand still."""
-    reader = mjcf_elements(path).reader
-    model = reader.model
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data = mujoco.MjData(model)
-    numbers = {name: j for j, name in reader.names.items()}
-    joints = [numbers[name] for name in robot.joint_names]
-    tau = np.empty_like(state[0])
-    for k, (q, dq, ddq) in enumerate(zip(*state, strict=True)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = model.qpos0, 0.0, 0.0
-        data.qpos[model.jnt_qposadr[joints]] = q
-        data.qvel[model.jnt_dofadr[joints]], data.qacc[model.jnt_dofadr[joints]] = dq, ddq
-        mujoco.mj_inverse(model, data)
-        tau[k] = data.qfrc_inverse[model.jnt_dofadr[joints]]
-    return tau
+@pytest.fixture(scope="module")
+def bench(project: Path) -> ModuleType:
+    return script(project / "benches" / "round_trips.py")
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_verdict")
 @pytest.mark.parametrize("path", DESCRIPTIONS, ids=lambda path: path.name)
-def test_an_identified_robot_goes_back_into_its_own_file(tmp_path: Path, path: Path) -> None:
+def test_an_identified_robot_goes_back_into_its_own_file(
+    tmp_path: Path, bench: ModuleType, path: Path
+) -> None:
     if not path.exists():
         pytest.skip("needs the shared data")
-    text = path.read_text()
-    own = tmp_path / path.name
-    own.write_text(text)
-    robot = didim.load_robot(own, snap=0.0, open=True)
-    kind = "urdf" if path.suffix == ".urdf" else "mjcf"
-    truth = changed(robot, kind=kind)
-    recorded = experiment(robot, log(robot, truth, n_samples=1500, noise=0.01))
-    fit = didim.identify(recorded, didim.IDIMLS())
-    x = consistent_parameters(fit, robot, empty=links_between(robot)).x
-    motion = random_motion(np.random.default_rng(3), 20, robot.n_dof)
-    state = motion.q, motion.dq, motion.ddq
-    if kind == "urdf":
-        content = didim.export.to_urdf(robot, x, own)
-        tau = didim.inverse_dynamics(robot, *state, only(robot, x))
-        model = pinocchio_model(declared(content.decode()), robot.joint_names)
-        assert robot.correspondence is not None
-        model.gravity.linear = robot.correspondence.base_matrix[:3, :3] @ robot.geometry.gravity
-        found = pinocchio_torques(model, robot.joint_names, *state)
-        block = r"<inertial>.*?</inertial>|<!-- inertial: .*?-->|<!-- didim: .*?-->|<dynamics [^>]*/>"
-        before, after = (re.sub(block, "", each, flags=re.DOTALL) for each in (text, content.decode()))
-        assert re.sub(r"\s", "", before) == re.sub(r"\s", "", after)
-    else:
-        content, told, _ = into_mjcf(own, Source(robot, x), None)
-        own.write_bytes(content)
-        # An offset beside a spring is its rest; no format has another one.
-        rests = [f"Off{name[2:]}$" for name in robot.parameter_names if name.startswith("Ks")]
-        tau = didim.inverse_dynamics(robot, *state, only(robot, x, "Ia", "Fv", "Ks", *rests))
-        found = by_mujoco(own, robot, state)
-        added = re.findall(r"<inertial [^>]*/>", content.decode()) if "MuJoCo made" in told else []
-        after = content.decode()
-        for element in added:
-            after = after.replace(element, "") if element not in text else after
-        names = (*DRIVE, *INERTIAL, "stiffness", "springref", "inertiafromgeom", "settotalmass")
-        bare = [re.sub(r"<inertial[^>]*/>|\s", "", without(each, *names)) for each in (text, after)]
-        assert bare[0] == bare[1]
-    assert np.abs(found - tau).max() < 1e-10 * np.abs(tau).max()
+    trip = bench.round_trip(path, tmp_path)
+    assert trip.difference < 1e-10
+    assert trip.elsewhere == ""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ('damping="0.4"', 'damping="0.5"', ""),
+        ('<inertial pos="0.1 0 0"', '<inertial pos="0.2 0 0"', ""),
+        (
+            '<geom type="box" size=".1 .05 .03"/>',
+            '<inertial mass="1"/><geom type="box" size=".1 .05 .03"/>',
+            "",
+        ),
+        ('axis="1 1 0"', 'axis="1 1 1"', 'axis="1 1 0"'),
+        ('pos="0 0 .3"', 'pos="0 0 .4"', 'pos="0 0 .3"'),
+        ('<motor joint="x"/>', "", '<motor joint="x" />'),
+        ("Two joints on one body", "Two joints of one body", "Two joints on one body"),
+        ("</mujoco>", "<size/></mujoco>", "nothing / <size />"),
+    ],
+)
+def test_the_bench_sees_what_differs_elsewhere(bench: ModuleType, old: str, new: str, found: str) -> None:
+    assert old in SEVERAL
+    assert found in bench.elsewhere(SEVERAL, SEVERAL.replace(old, new))
+    assert bool(found) == bool(bench.elsewhere(SEVERAL, SEVERAL.replace(old, new)))
 
 
 def test_a_parameter_set_goes_in_too(tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.errors import FitError
-from didim.export.drives import drives_of, for_step
+from didim.export.drives import Drives, JointDrive, drives_of, for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.methods.cloe.cloe import CLOE
-from didim.studies.in_mujoco import validate_in_mujoco
+from didim.studies.in_mujoco import replayed, validate_in_mujoco
+from didim.studies.mujoco_model import load_model
 from quadrupeds import ARM_DELAY_S, ARM_TRUTH, arm_episodes, arm_text, followed, recorded
 from scripts import script
 from test_documented import tables, words
@@ -162,6 +163,31 @@ def test_the_files_own_values_stay_where_they_are(twin: Path) -> None:
     assert found.before is not None
     np.testing.assert_allclose(found.after, found.before, rtol=0.6)
     assert not np.allclose(found.after, found.before, rtol=0.01)  # the delay and the offsets are the fit's
+
+
+@pytest.mark.parametrize(
+    "servo",
+    [
+        '<general joint="j" biastype="affine" gainprm=".2" biasprm="3 -20 0"/>',
+        '<position joint="j" kp="5" gear="2"/>',
+        '<position tendon="t" kp="80"/>',
+    ],
+)
+def test_servos_whose_commands_are_no_positions_are_replayed_by_their_gains(
+    tmp_path: Path, servo: str
+) -> None:
+    body = '<worldbody><body><joint name="j" axis="0 1 0" damping=".3"/><geom size=".1" pos=".1 0 0"/></body></worldbody>'
+    tendon = '<tendon><fixed name="t"><joint joint="j" coef=".5"/></fixed></tendon>'
+    drives = Drives((JointDrive(joint="j", kind="revolute", rotor=0.0, viscous=0.3, coulomb=0.0, kp=20.0),))
+    commands = np.sin(np.arange(200) / 20.0)[:, None]
+    replays = []
+    for text in ('<position joint="j" kp="20"/>', servo):
+        (tmp_path / "j.xml").write_text(f"<mujoco>{body}{tendon}<actuator>{text}</actuator></mujoco>")
+        model = load_model(tmp_path / "j.xml")
+        model.opt.timestep = 1e-3
+        replays.append(replayed(model, "j.xml", drives, commands, 0.0 * commands, 100.0, 10))
+    assert np.ptp(replays[0]) > 0.5
+    np.testing.assert_allclose(replays[1], replays[0], atol=1e-12)
 
 
 @pytest.mark.slow

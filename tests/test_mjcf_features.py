@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 import mujoco
+import numpy as np
 import pytest
 
 import didim
@@ -106,6 +107,11 @@ SAME = {
     "two actuators": arm(
         drive('<position joint="j1" kp="9" forcerange="-5 5"/>', '<velocity joint="j1" kv="2" forcerange="-4 4"/>')
     ),
+    "servo of a follower": arm(
+        '<equality><joint joint1="j2" joint2="j1" polycoef="0 -.5 0 0 0"/></equality>',
+        drive('<position joint="j1" kp="3" forcerange="-8 8"/>', '<velocity joint="j2" kv="4" gear="-2" forcerange="-5 5"/>'),
+        two='actuatorfrcrange="-6 6"',
+    ),
     "jointinparent": arm(drive('<position jointinparent="j2" kp="8"/>')),
     "classes of actuators": arm(
         '<default><default class="q"><position kp="7" kv=".5"/></default></default>', drive('<position joint="j1" class="q"/>')
@@ -127,23 +133,49 @@ OTHER = {
         "servos of one joint are left out: m",
         arm(drive('<muscle name="m" joint="j1" lengthrange="0 1"/>')),
     ),
-    "scaled servo": (
+    "negative gain": (
         "drives told",
         "servos of one joint are left out: s",
-        arm(drive('<general name="s" joint="j1" biastype="affine" gainprm="30" biasprm="0 -20 0"/>')),
+        arm(drive('<general name="s" joint="j1" biastype="affine" gainprm="30" biasprm="0 20 0"/>')),
+    ),
+    "constant force": (
+        "drives told",
+        "servos of one joint are left out: s",
+        arm(drive('<general name="s" joint="j1" biastype="affine" biasprm="5 0 0"/>')),
+    ),
+    "scaled servo": (
+        "agree",
+        "or its speed: j1 = 0.75 s +0.2, j2 = -2 t",
+        arm(drive('<general name="s" joint="j1" gear="2" biastype="affine" gainprm="30" biasprm="8 -20 -3"/>',
+                  '<general name="t" joint="j2" gear="-1" biastype="affine" gainprm="4" biasprm="0 0 -2"/>')),
     ),
     "servo beside an integrator": (
-        "drives told",
-        "left out: i, v",
+        "agree",
+        "the command of actuator i is integrated before it is a position",
         arm(drive('<intvelocity name="i" joint="j1" kp="3" actrange="-1 1"/>', '<velocity name="v" joint="j1"/>')),
+    ),
+    "commands of a follower": (
+        "agree",
+        "or its speed: j1 = 2 s -0.2",
+        arm('<equality><joint joint1="j2" joint2="j1" polycoef=".1 .5 0 0 0"/></equality>',
+            drive('<position name="s" joint="j2" kp="5" kv=".2" forcerange="-3 4"/>', '<motor joint="j1" ctrlrange="-1 2"/>')),
+    ),
+    "servo of tied joints": (
+        "agree",
+        "or its speed: j1 = -0.666667 s",
+        arm('<equality><joint joint1="j2" joint2="j1" polycoef="0 1.25 0 0 0"/></equality>', tendon(""),
+            drive('<position name="s" tendon="t" kp="4" timeconst=".1" forcerange="-3 3"/>'),
+            one='actuatorfrcrange="-2 2"', two='actuatorfrcrange="-5 5"'),
+    ),
+    "weights of both": ("agree", "so gravity is 0.25 of its own", arm().replace("<body ", '<body gravcomp=".75" ')),
+    "weights that drives carry": (
+        "drives told",
+        "drives carry weights (actuatorgravcomp) beside their commands, which is left out: a, b",
+        arm(drive('<motor joint="j1"/>'), one='actuatorgravcomp="true"', two='actuatorgravcomp="true"').replace(
+            "<body ", '<body gravcomp="1" '),
     ),
     "servo of a tendon": ("drives told", "left out: s", arm(tendon(""), drive('<position name="s" tendon="t" kp="4"/>'))),
     "motor of a tendon": ("agree", "left out: s", arm(tendon(""), drive('<motor name="s" tendon="t" ctrlrange="-2 2"/>'))),
-    "servo of a follower": (
-        "drives told",
-        "drives of joints that follow others are left out: j2",
-        arm('<equality><joint joint1="j2" joint2="j1"/></equality>', drive('<position joint="j2" kp="5"/>')),
-    ),
     "curved tie": (
         "agree, loops named",
         "closed loops are cut, and what they hold moves freely: joint (j2, j1)",
@@ -208,6 +240,60 @@ def test_what_a_robot_has_not_is_named(tmp_path: Path, bench: ModuleType, featur
     found, why = bench.verdict(path)
     assert found == kind, why
     assert any(words in note for note in didim.load_robot(path, tip="").notes)
+
+
+def random_drives(rng: np.random.Generator) -> str:
+    """A chain whose joints are tied at random, with actuators of all kinds on joints and on fixed tendons."""
+
+    def number(low: float, high: float) -> str:
+        return f"{rng.uniform(low, high):.4g}"
+
+    def maybe(share: float, text: str) -> str:
+        return text * (rng.random() < share)
+
+    def ends(key: str) -> str:
+        return maybe(0.4, f'{key}="-{number(0.5, 5)} {number(0.5, 5)}"')
+
+    n, bodies, ties, tendons, drives = int(rng.integers(2, 6)), "", "", "", ""
+    for j in range(n):
+        own = (
+            maybe(0.5, f'damping="{number(0, 0.2)}"')
+            + maybe(0.2, f' ref="{number(-30, 30)}"')
+            + maybe(0.2, ' type="slide"')
+        )
+        bodies += f'<body pos=".1 0 .2">{BODY}<joint name="j{j}" axis="{number(-1, 1)} 1 0" {own} {ends("actuatorfrcrange")}/>'
+        if j and rng.random() < 0.4:
+            factor = f"{number(-0.3, 0.3)} {number(-2, 2)}"
+            ties += f'<joint joint1="j{j}" joint2="j{rng.integers(j)}" polycoef="{factor} 0 0 0"/>'
+    for t in range(2):
+        over = "".join(
+            f'<joint joint="j{j}" coef="{number(-2, 2)}"/>' for j in rng.choice(n, 2, replace=False)
+        )
+        tendons += f'<fixed name="t{t}">{over}</fixed>'
+    for kind in rng.choice(["motor", "position", "velocity", "intvelocity", "general", "damper"], 4):
+        on = f'tendon="t{rng.integers(2)}"' if rng.random() < 0.4 else f'joint="j{rng.integers(n)}"'
+        gains = {
+            "motor": ends("ctrlrange"),
+            "position": f'kp="{number(1, 30)}" kv="{number(0, 3)}" {maybe(0.3, f"""timeconst="{number(0.01, 0.1)}" """)}',
+            "velocity": f'kv="{number(0, 3)}"',
+            "intvelocity": f'kp="{number(1, 30)}" actrange="-1 1"',
+            "general": f'biastype="affine" gainprm="{number(-3, 30)}" biasprm="{number(-3, 3)} {number(-30, 3)} {number(-3, 0.3)}"',
+            "damper": f'kv="{number(0, 3)}" ctrlrange="0 1"',
+        }
+        drives += (
+            f'<{kind} {on} {maybe(0.4, f"""gear="{number(-5, 5)}" """)} {ends("forcerange")} {gains[kind]}/>'
+        )
+    sections = f"<tendon>{tendons}</tendon><equality>{ties}</equality><actuator>{drives}</actuator>"
+    return f"<mujoco><worldbody>{bodies}{'</body>' * n}</worldbody>{sections}</mujoco>"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_drives_of_tied_joints(tmp_path: Path, bench: ModuleType, seed: int) -> None:
+    path = tmp_path / "drives.xml"
+    path.write_text(random_drives(np.random.default_rng(seed)))
+    found, why = bench.verdict(path)
+    left_out = any("are left out" in each for each in why)
+    assert found == "agree" or (found == "drives told" and left_out), why
 
 
 @NEWER

@@ -23,14 +23,14 @@ from ..errors import FitError
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
-from ..robot.transmission import LARGEST_IMPEDANCE
+from ..robot.transmission import LARGEST_IMPEDANCE, Actuator
 from ..robot.urdf.chain import WHOLE, Chain, choose_chain
 from ..robot.urdf.mechanism import MOVING
 from ..robot.urdf.mjcf import LEAST_IMPEDANCE
-from ..robot.urdf.mjcf_elements import MjcfElements, mjcf_elements
+from ..robot.urdf.mjcf_elements import MjcfElements, Setting, mjcf_elements
 from ..robot.urdf.reading import MJCF_SET
 from ..robot.urdf.tendons import POWERS, Shares, shares_of
-from ..robot.urdf.xml_spans import Edit, attribute_edit, edited
+from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, edited
 from .bodies import WORDS, CoupledMotor, ExportModel
 from .drives import Drives, JointDrive, drives_of_links, for_step
 from .mjcf_links import SAME, link_edits, misfit
@@ -77,7 +77,9 @@ def edit_mjcf(
     drives = drives_of_links(result) if isinstance(result, ExportModel) else result
     drives.check_joints(elements.joints, path.name)
     chain, shares = _chain(elements, [drive.joint for drive in drives.every], links)
-    motors = _motors(elements, drives)
+    settings = elements.settings(chain, shares)
+    old = dict(zip([joint.name for joint in chain.driven], shares.actuators, strict=True))
+    motors = _motors(elements, settings, drives)
     if step_s is not None:
         drives = for_step(drives, step_s, elements.integrator, explicit_kv=bool(motors))
     sentences = list(drives.sentences)
@@ -94,13 +96,15 @@ def edit_mjcf(
             edits += _tendon_edits(elements, shares, motor)
     for drive in drives.every:
         edits += _joint_edits(elements, _alone(drive, elements, chain, motors=links is None))
-        if drive.joint in elements.settings and drive.kp is not None:
-            edits += _actuator_edits(elements, drive)
+        if drive.joint in settings and drive.kp is not None:
+            edits += _actuator_edits(*settings[drive.joint], old[drive.joint], drive)
     content = edited(elements.outermost, edits)
     return content, replace(drives, sentences=tuple(sentences))
 
 
-def _motors(elements: MjcfElements, drives: Drives) -> list[str]:
+def _motors(
+    elements: MjcfElements, settings: Mapping[str, tuple[Element, Setting]], drives: Drives
+) -> list[str]:
     """Return joints with gains in the result, and without a position actuator in the file; all joints need elements."""
     where = elements.description.where
     for drive in drives.every:
@@ -111,21 +115,23 @@ def _motors(elements: MjcfElements, drives: Drives) -> list[str]:
     return [
         drive.joint
         for drive in drives.joints
-        if drive.kp is not None
-        and (drive.joint not in elements.settings or not elements.settings[drive.joint][1].is_position)
+        if drive.kp is not None and (drive.joint not in settings or not settings[drive.joint][1].is_position)
     ]
 
 
 def _chain(
     elements: MjcfElements, joints: Collection[str], links: ExportModel | None
 ) -> tuple[Chain, Shares]:
-    """Return the chain of a file with these joints, the others locked where those of the links were, and shares of tendons."""
+    """Return the chain of a file with these joints and its shares; others are locked where those of the links were.
+
+    Without links, joints that follow others do so.
+    """
     description, lock = elements.description, {} if links is None else links.lock
     base = None if links is None or links.base not in description.links else links.base
     others = {
         joint.name: lock.get(joint.name, 0.0)
         for joint in description.joints.values()
-        if joint.kind in MOVING and joint.name not in joints
+        if joint.kind in MOVING and joint.name not in joints and (links is not None or joint.mimic is None)
     }
     chain = choose_chain(description, base=base, tip=WHOLE, lock=others).numbered()
     return chain, shares_of(chain, description.tendons)
@@ -161,7 +167,8 @@ def _alone(drive: JointDrive, elements: MjcfElements, chain: Chain, *, motors: b
 def _tendon_edits(elements: MjcfElements, shares: Shares, motor: CoupledMotor) -> list[Edit]:
     """Return the changes of the tendon that is a motor of several joints."""
     name, arm = shares.sources[motor.number]
-    if name not in elements.tendons:
+    tendons = elements.named("tendon")
+    if name not in tendons:
         raise FitError(
             f"{elements.description.where}: {name!r} turns several joints, and is no tendon with an element of its own"
         )
@@ -170,7 +177,7 @@ def _tendon_edits(elements: MjcfElements, shares: Shares, motor: CoupledMotor) -
     )
     old = dict(zip(values, shares.motors[motor.number], strict=True))
     return [
-        attribute_edit(elements.tendons[name], key, number(value / arm**power))
+        attribute_edit(tendons[name], key, number(value / arm**power))
         for (key, value), power in zip(values.items(), POWERS, strict=True)
         if not _same(old[key], value)
     ]
@@ -200,12 +207,11 @@ def _joint_edits(elements: MjcfElements, drive: JointDrive) -> list[Edit]:
     return edits
 
 
-def _actuator_edits(elements: MjcfElements, drive: JointDrive) -> list[Edit]:
-    element, setting = elements.settings[drive.joint]
-    if not setting.is_position or drive.kp is None:
+def _actuator_edits(
+    element: Element, setting: Setting, old: Actuator | None, drive: JointDrive
+) -> list[Edit]:
+    if not setting.is_position or drive.kp is None or old is None:
         return []
-    old = elements.joints[drive.joint].actuator
-    assert old is not None
     kp, kv = drive.kp / setting.gear**2, (drive.kv or 0.0) / setting.gear**2
     edits = []
     same_kp = _same(old.kp or 0.0, drive.kp)
@@ -216,8 +222,8 @@ def _actuator_edits(elements: MjcfElements, drive: JointDrive) -> list[Edit]:
         edits += [] if same_kv else [attribute_edit(element, "kv", number(kv), "dampratio")]
     elif not (same_kp and same_kv):
         edits += [
-            attribute_edit(element, "gainprm", number(kp)),
-            attribute_edit(element, "biasprm", numbers([0.0, -kp, -kv])),
+            attribute_edit(element, "gainprm", number(kp * setting.servo.slope)),
+            attribute_edit(element, "biasprm", numbers([kp * setting.servo.offset, -kp, -kv])),
         ]
     if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
         force = drive.effort / setting.gear

@@ -16,7 +16,7 @@ from ..errors import FitError
 from ..robot.rigid_body import central, inverse, why_no_body
 from ..robot.urdf.chain import Chain, Member
 from ..robot.urdf.mjcf_elements import MjcfElements
-from ..robot.urdf.reading import LARGEST_DIFFERENCE
+from ..robot.urdf.reading import LARGEST_DIFFERENCE, own_gravity
 from ..robot.urdf.tendons import Shares
 from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, attributes_out, first_child
 from .bodies import ExportModel
@@ -103,7 +103,7 @@ def link_edits(elements: MjcfElements, chain: Chain, links: ExportModel) -> tupl
         if changed or (name in elements.bodies and not elements.bodies[name].find("inertial"))
     ]
     told = [f"MuJoCo made the inertia of {series(made, 60)}: an <inertial> replaces it"] if made else []
-    down = chain.base_pose[:3, :3].T @ np.array(elements.description.gravity)
+    down = own_gravity(elements.description, chain)
     if not np.allclose(down, links.gravity, atol=LARGEST_DIFFERENCE * np.abs(down).max()):
         told.append(
             f"gravity of the file stays {numbers(down)} in its base, and that of the result is {numbers(links.gravity)}"

@@ -58,7 +58,10 @@ def _delete(spec: Any, element: Any) -> None:
 
 
 def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
-    """Return the addresses of the joints' positions and velocities, and their position actuators; other controls are zero."""
+    """Return the addresses of the joints' positions and velocities, and their position actuators, whose commands are positions.
+
+    Others that pull towards a position are switched off: the torques of their joints are those of the drives' gains.
+    """
     import mujoco
 
     places, speeds, servo = [], [], []
@@ -75,12 +78,16 @@ def places_of(model: Any, drives: Drives, name: str) -> tuple[list[int], list[in
             and model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
             and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
             and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
+            and model.actuator_gear[k, 0] == 1.0
         ]
         if not own and drive.kp is None:
             raise FitError(
                 f"{name}: joint {drive.joint!r} has no position actuator, and the result has no gains"
             )
         servo.append(own[0] if own else None)
+    for k in range(model.nu):
+        if k not in servo and model.actuator_biasprm[k, 1]:
+            model.actuator_gainprm[k] = model.actuator_biasprm[k] = 0.0
     return places, speeds, servo
 
 

@@ -14,10 +14,13 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..rigid_body import body_pseudo_inertia, pose, turn
 from ..robot import JointLimits
-from ..transmission import SOFTNESS, Actuator
+from ..transmission import SOFTNESS
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints with one degree of freedom."""
+
+UNLIMITED = (-np.inf, np.inf)
+"""Limits of a force that has none."""
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the root link of a URDF (m/s^2)."""
@@ -73,8 +76,8 @@ class UrdfJoint:
         Spring of the joint (N.m/rad or N/m), and its position (rad or m) without a torque, only in an MJCF.
     zero : float
         Position (rad or m) at which an MJCF draws the joint.
-    actuator : Actuator or None
-        Gains and limit of the joint's drive, only in an MJCF.
+    forces : (float, float)
+        Limits of the torque (N.m or N) of all actuators on the joint, only in an MJCF.
     softness : (float, float)
         Creep and rest (s) of its friction loss, `didim.robot.transmission.softness`.
     """
@@ -95,7 +98,7 @@ class UrdfJoint:
     stiffness: float = 0.0
     rest: float = 0.0
     zero: float = 0.0
-    actuator: Actuator | None = None
+    forces: tuple[float, float] = UNLIMITED
     softness: tuple[float, float] = SOFTNESS
 
     @property
@@ -110,6 +113,35 @@ class UrdfJoint:
         return pose(turn(self.axis, position)) if self.kind in MOVING else np.eye(4)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Servo:
+    """An actuator of an MJCF, per unit of the length that it pulls: ``kp (slope command + offset - length) - kv speed``.
+
+    Attributes
+    ----------
+    kp : float
+        Gain on the length; zero for torques and velocity servos.
+    kv : float or None
+        Gain on the speed; None where the file lacks what it depends on.
+    forces : (float, float)
+        Limits of its force.
+    lag_s : float
+        Time constant of the filter of the command (s).
+    slope, offset : float
+        From the command to the length, without kp the speed, that it steers to.
+    linear : bool
+        Whether it is a torque, position or velocity servo; a robot has no other actuator.
+    """
+
+    kp: float = 0.0
+    kv: float | None = 0.0
+    forces: tuple[float, float] = UNLIMITED
+    lag_s: float = 0.0
+    slope: float = 1.0
+    offset: float = 0.0
+    linear: bool = True
+
+
 @dataclass(frozen=True)
 class Tendon:
     """A fixed tendon of an MJCF, of length ``sum of coefficient times q``: it moves with its joints.
@@ -117,11 +149,13 @@ class Tendon:
     Attributes
     ----------
     name : str
-        Its name, or that of the actuator whose rotor it stands for.
+        Its name, or that of an actuator.
     coefficients : mapping of str to float
-        By name of the joint (m/rad, or 1).
+        By name of the joint (m/rad, or 1); none where the length is another function.
     armature, damping, friction, stiffness, rest : float
         As of a joint, per unit of its length; `rest` is its length without a force of the spring.
+    servo : Servo or None
+        The actuator.
     """
 
     name: str
@@ -131,6 +165,7 @@ class Tendon:
     friction: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    servo: Servo | None = None
 
 
 @dataclass(frozen=True)
@@ -173,9 +208,11 @@ class Description:
     notes : tuple of str
         Sentences on ignored parts of the file.
     tendons : tuple of Tendon
-        Motors and springs that move with several joints, only in an MJCF.
+        Tendons and actuators, only in an MJCF.
     loops : tuple of Loop
         Constraints that close loops, only in an MJCF.
+    gravcomp : mapping of str to float
+        Share of its weight that a link does not feel, only in an MJCF.
     incomplete : tuple of str
         Links whose mass comes from meshes that cannot be read, only in an MJCF.
     """
@@ -189,6 +226,7 @@ class Description:
     notes: tuple[str, ...] = ()
     tendons: tuple[Tendon, ...] = ()
     loops: tuple[Loop, ...] = ()
+    gravcomp: Mapping[str, float] = field(default_factory=dict)
     incomplete: tuple[str, ...] = ()
 
     @cached_property

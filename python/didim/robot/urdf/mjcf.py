@@ -7,7 +7,6 @@ Tested in ``tests/test_mjcf.py`` against MuJoCo.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,8 +20,8 @@ from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import pose
 from ..robot import JointLimits
-from ..transmission import TIME_CONSTANT_S, Actuator, softness
-from .mechanism import MOVING, Description, Inertial, Loop, Tendon, UrdfJoint
+from ..transmission import TIME_CONSTANT_S, softness
+from .mechanism import MOVING, UNLIMITED, Description, Inertial, Loop, Servo, Tendon, UrdfJoint
 from .mjcf_compiler import Compiled, compile_mjcf
 from .xml_spans import Element
 
@@ -34,9 +33,6 @@ KINDS = ("floating", "spherical", "prismatic", "revolute")
 
 LEAST_IMPEDANCE = 1e-4
 """Distance of MuJoCo's impedances from 0 and 1."""
-
-SAME = 1e-9
-"""Largest difference of gain and bias, as a share of the gain, at which an actuator has one gain on the position error."""
 
 
 def read_mjcf(outermost: Element, path: Path) -> Description:
@@ -88,6 +84,11 @@ class Reader:
         """Names of the bodies, made up where the file has none."""
         return [WORLD, *(self.model.body(b).name or f"body_{b}" for b in range(1, self.model.nbody))]
 
+    @property
+    def gravcomp(self) -> dict[str, float]:
+        """Share of its weight that each body does not feel."""
+        return {self.bodies[b]: float(each) for b, each in enumerate(self.model.body_gravcomp) if each}
+
     def name(self, kind: str, index: int) -> str:
         """Return the name of an object of a kind such as "tendon"; its number where the file has none."""
         return getattr(self.model, kind)(index).name or f"{kind} {index + 1}"
@@ -118,6 +119,7 @@ class Reader:
             notes=tuple(self.notes),
             tendons=tuple(tendons),
             loops=tuple(loops),
+            gravcomp={} if any(model.jnt_actgravcomp) else self.gravcomp,
             incomplete=tuple(self.bodies[b] for b in sorted(self.compiled.lost)),
         )
 
@@ -207,6 +209,7 @@ class Reader:
             stiffness=stiffness,
             rest=rest,
             zero=zero,
+            forces=tuple(model.jnt_actfrcrange[j].tolist()) if model.jnt_actfrclimited[j] else UNLIMITED,
             softness=_softness(model.dof_solref[dof], model.dof_solimp[dof]),
         )
 
@@ -301,8 +304,8 @@ class Reader:
             "nonlinear springs and dampers are left out: ": [
                 self.names[j] for j in self.names if self._curved(j)
             ],
-            "the file compensates weights (gravcomp), and the robot has them: ": [
-                self.bodies[b] for b in range(model.nbody) if model.body_gravcomp[b]
+            "drives carry weights (actuatorgravcomp) beside their commands, which is left out: ": [
+                *(self.gravcomp if any(model.jnt_actgravcomp) else ())
             ],
             "the file switches off what the robot has: ": [
                 flag.lower() for flag, bit in bits.items() if model.opt.disableflags & int(bit)
@@ -320,49 +323,34 @@ class Reader:
         return any(np.any(getattr(model, key)[at]) for key, at in places.items() if hasattr(model, key))
 
     def _drives(self) -> list[Tendon]:
-        """Give joints the gains and limits of their actuators; return rotors of actuators, as of tendons."""
+        """Return the actuators; note what of them a robot has not."""
         model = self.model
-        own: dict[str, list[int]] = {}
-        shared: dict[str, float] = {}
-        rotors: list[Tendon] = []
-        unread: list[str] = []
-        rotating = [getattr(model, f"actuator_{key}", None) for key in ("armature", "damping")]
+        drives = []
         for k in range(len(model.actuator_trntype)):
-            name, arms = self.name("actuator", k), self.moments(k)
+            name, arms, servo = self.name("actuator", k), self.moments(k), self.servo(k)
             if hasattr(model, "actuator_delay") and model.actuator_delay[k]:
                 self.notes.append(f"the delay of actuator {name} is left out")
-            if arms is not None and not self.on_tendon(k):
-                own.setdefault(next(iter(arms)), []).append(k)
-            else:
-                unread.append(name)
-                for joint, arm in (arms or {}).items() if self.gains(k) == (0.0, 0.0, 0.0) else ():
-                    shared[joint] = shared.get(joint, 0.0) + abs(arm) * self._limit(k)
-            armature, damping = (0.0 if each is None else float(np.ravel(each[k])[0]) for each in rotating)
-            if arms and (armature or damping):
-                rotors.append(Tendon(name, arms, armature, damping))
-            elif armature or damping:
-                self.unlike.append(name)
-        for j, name in self.names.items():
-            own_joint = self.joints[self.children[name]]
-            if own_joint.kind in MOVING:
-                drive = self._drive(j, own.get(name, []), shared.get(name, np.inf), unread)
-                limits = replace(own_joint.limits, effort=drive.effort if drive else None)
-                self.joints[own_joint.child] = replace(own_joint, actuator=drive, limits=limits)
-        if unread:
-            self.notes.append(
-                f"actuators other than torques, position and velocity servos of one joint are left out: {series(unread, 70)}"
+            if servo.kp and model.actuator_dyntype[k] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR:
+                self.notes.append(f"the command of actuator {name} is integrated before it is a position")
+            which = series(arms or (name,), 60)
+            if servo.kv is None:
+                self.notes.append(f"kv of {which} is not known: its damping ratio needs the missing meshes")
+            armature, damping = (
+                float(np.ravel(getattr(model, key, np.zeros(k + 1))[k])[0])
+                for key in ("actuator_armature", "actuator_damping")
             )
-        return rotors
-
-    def on_tendon(self, k: int) -> bool:
-        """Whether an actuator pulls a tendon."""
-        return int(self.model.actuator_trntype[k]) == int(self.mujoco.mjtTrn.mjTRN_TENDON)
+            if (armature or damping) and not arms:
+                self.unlike.append(name)
+            self._checked([*(arms or {}).values()], "gear")
+            self._checked([armature, damping, servo.kp, servo.kv or 0.0], f"gains of {which}")
+            drives.append(Tendon(name, arms or {}, armature, damping, servo=servo))
+        return drives
 
     def moments(self, k: int) -> dict[str, float] | None:
         """Return the moments of an actuator by joint; None where they are not constant."""
         model, kinds = self.model, self.mujoco.mjtTrn
         gear, target = float(model.actuator_gear[k, 0]), int(model.actuator_trnid[k, 0])
-        if self.on_tendon(k):
+        if int(model.actuator_trntype[k]) == int(kinds.mjTRN_TENDON):
             coefficients = self._coefficients(target)
             return coefficients and {joint: gear * each for joint, each in coefficients.items()}
         if int(model.actuator_trntype[k]) not in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)):
@@ -370,69 +358,38 @@ class Reader:
         joint = self.joints[self.children[self.names[target]]]
         return {joint.name: gear} if joint.kind in MOVING else None
 
-    def _drive(self, j: int, own: Sequence[int], effort: float, unread: list[str]) -> Actuator | None:
-        """Return the drive of a joint, in which gains add up; names of actuators that it is not made of join `unread`.
-
-        `effort` is the largest torque that a joint without own actuators gets of others (N.m or N).
-        """
+    def servo(self, k: int) -> Servo:
+        """Return an actuator by its numbers."""
         model = self.model
-        arms = {k: abs(float(self._checked(model.actuator_gear[k, 0], "gear"))) for k in own}
-        gains = {k: self.gains(k) for k in own}
-        clear = all(each is not None for each in gains.values())
-        linear = [
-            (arms[k] ** 2 * each[0], arms[k] ** 2 * each[1], each[2]) for k, each in gains.items() if each
-        ]
-        kp, kv = (sum(each[at] for each in linear) for at in (0, 1))
-        if not clear:
-            unread += [self.name("actuator", k) for k, each in gains.items() if each is None or any(each)]
-        if own:
-            effort = sum(arm * self._limit(k) for k, arm in arms.items())
-        if model.jnt_actfrclimited[j]:
-            effort = min(effort, float(np.abs(model.jnt_actfrcrange[j]).max()))
-        largest = effort if 0.0 < effort <= LARGEST else None
-        if not own and largest is None:
-            return None
-        lag = max((each[2] for each in linear), default=0.0)
-        self._checked([kp, kv, lag], f"gains of {self.names[j]}")
-        if not clear or not (kp or kv):
-            return Actuator(effort=largest)
-        lost = self.compiled.lost and self.compiled.ratios & set(own)
-        if lost:
-            self.notes.append(
-                f"kv of {self.names[j]} is not known: its damping ratio needs the missing meshes"
-            )
-        return Actuator(kp=kp or None, kv=None if lost else kv, effort=largest, lag_s=lag)
-
-    def gains(self, k: int) -> tuple[float, float, float] | None:
-        """Return kp, kv and lag (s) of a linear actuator, on the motor's side: zeros for torques, None for other actuators."""
-        model, mj = self.model, self.mujoco
         gain, bias = float(model.actuator_gainprm[k, 0]), np.array(model.actuator_biasprm[k][:3])
         gaintype, biastype, dyntype = (
-            int(getattr(model, f"actuator_{key}type")[k]) for key in ("gain", "bias", "dyn")
+            getattr(self.mujoco, f"mjt{key}")(
+                int(getattr(model, f"actuator_{key.lower()}type")[k])
+            ).name.split("_")[1]
+            for key in ("Gain", "Bias", "Dyn")
         )
-        if biastype == int(mj.mjtBias.mjBIAS_NONE):
-            bias *= 0.0
-        lags = dyntype in (int(mj.mjtDyn.mjDYN_FILTER), int(mj.mjtDyn.mjDYN_FILTEREXACT))
+        bias *= biastype != "NONE"
+        kp, kv = 0.0 - float(bias[1]), 0.0 - float(bias[2])
+        steers, lags = kp or kv, dyntype.startswith("FILTER")
         linear = (
-            gaintype == int(mj.mjtGain.mjGAIN_FIXED)
-            and (not bias.any() or biastype == int(mj.mjtBias.mjBIAS_AFFINE))
-            and (lags or dyntype == int(mj.mjtDyn.mjDYN_NONE))
+            (gaintype, biastype) in (("FIXED", "NONE"), ("FIXED", "AFFINE"))
+            and (lags or dyntype == "NONE" or (dyntype == "INTEGRATOR" and kp))
+            and min(kp, kv) >= 0.0
+            and (gain if steers else not bias[0])
         )
-        # A command is a position or a velocity, not a multiple of one.
-        steers = -float(bias[1] or bias[2])
-        if not linear or bias[0] or (steers and abs(gain - steers) > SAME * abs(gain)):
-            return None
-        return 0.0 - float(bias[1]), 0.0 - float(bias[2]), float(model.actuator_dynprm[k, 0]) if lags else 0.0
-
-    def _limit(self, k: int) -> float:
-        """Return the largest force of an actuator, on the motor's side."""
-        model, limit = self.model, np.inf
-        if model.actuator_forcelimited[k]:
-            limit = float(np.abs(model.actuator_forcerange[k]).max())
-        if model.actuator_ctrllimited[k] and self.gains(k) == (0.0, 0.0, 0.0):
-            commands = float(np.abs(model.actuator_ctrlrange[k]).max())
-            limit = min(limit, commands * abs(float(model.actuator_gainprm[k, 0])))
-        return limit
+        if not linear:
+            return Servo(linear=False)
+        forces = np.array(model.actuator_forcerange[k] if model.actuator_forcelimited[k] else UNLIMITED)
+        if model.actuator_ctrllimited[k] and not steers:
+            forces = np.clip(np.sort(gain * model.actuator_ctrlrange[k]), *forces)
+        return Servo(
+            kp=kp,
+            kv=None if self.compiled.lost and k in self.compiled.ratios else kv,
+            forces=tuple(forces.tolist()),
+            lag_s=float(model.actuator_dynprm[k, 0]) if lags else 0.0,
+            slope=gain / steers if steers else 1.0,
+            offset=float(bias[0]) / steers if steers else 0.0,
+        )
 
 
 def _softness(solref: Any, solimp: Any) -> tuple[float, float]:

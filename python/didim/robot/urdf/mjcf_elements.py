@@ -13,9 +13,11 @@ from pathlib import Path
 
 from ..._tools.inputs import read_small_file
 from ...errors import RobotError
-from .mechanism import Description, UrdfJoint
+from .chain import Chain
+from .mechanism import Description, Servo, UrdfJoint
 from .mjcf import Reader
 from .mjcf_compiler import compile_mjcf, parts_of
+from .tendons import Shares
 from .xml_spans import Element, parse_xml
 
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
@@ -31,17 +33,20 @@ class Setting:
     tag : str
         Its element.
     gear : float
-        Size of the gear ratio.
+        Size of its moment arm on the joint.
     is_position : bool
         Whether the force is a gain times the position error plus damping.
     ratio : bool
         Whether the file has a damping ratio, from which MuJoCo computes the velocity gain.
+    servo : Servo
+        The actuator by its numbers.
     """
 
     tag: str
     gear: float
     is_position: bool
     ratio: bool
+    servo: Servo
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,7 @@ class MjcfElements:
 
     @cached_property
     def joints(self) -> Mapping[str, UrdfJoint]:
-        """Armature, damping, friction, spring and actuator of each joint, with the defaults of its class, by name."""
+        """Armature, damping, friction and spring of each joint, with the defaults of its class, by name."""
         return {joint.name: joint for joint in self.description.joints.values() if joint.moves}
 
     @cached_property
@@ -94,33 +99,29 @@ class MjcfElements:
                 elements |= {reader.names[first + k]: joint for k, joint in enumerate(own)}
         return elements
 
-    @cached_property
-    def tendons(self) -> Mapping[str, Element]:
-        """Element of each tendon by its name."""
-        found = [each for section in self.outermost.all("tendon") for each in section.inside()]
-        names = [self.reader.name("tendon", t) for t in range(self.reader.model.ntendon)]
+    def named(self, kind: str) -> Mapping[str, Element]:
+        """Element of each "tendon" or "actuator" by its name; those that the file attaches have none."""
+        found = [each for section in self.outermost.all(kind) for each in section.inside()]
+        model = self.reader.model
+        count = {"tendon": model.ntendon, "actuator": len(model.actuator_trntype)}[kind]
+        names = [self.reader.name(kind, k) for k in range(count)]
         if len(found) != len(names):
             return {name: each for each in found if (name := each.attributes.get("name", "")) in names}
         return dict(zip(names, found, strict=True))
 
-    @cached_property
-    def settings(self) -> Mapping[str, tuple[Element, Setting]]:
-        """Element and setting of each joint's last actuator."""
-        reader = self.reader
-        own: dict[str, list[int]] = {}
-        for k in range(len(reader.model.actuator_trntype)):
-            arms = reader.moments(k)
-            if arms is not None and not reader.on_tendon(k):
-                own.setdefault(next(iter(arms)), []).append(k)
+    def settings(self, chain: Chain, shares: Shares) -> dict[str, tuple[Element, Setting]]:
+        """Return element and setting of the last servo of each driven joint of a chain."""
+        elements = self.named("actuator")
+        servos = {tendon.name: tendon.servo for tendon in self.description.tendons if tendon.servo}
+        numbers = {self.reader.name("actuator", k): k for k in range(len(servos))}
         settings = {}
-        for element in [each for section in self.outermost.all("actuator") for each in section.inside()]:
-            joint = element.attributes.get("joint") or element.attributes.get("jointinparent", "")
-            if joint in own:
-                k = own[joint][-1]
-                gains = reader.gains(k)
-                single = len(own[joint]) == 1 and gains is not None and gains[0] > 0.0
-                gear = abs(float(reader.model.actuator_gear[k, 0]))
-                settings[joint] = element, Setting(element.tag, gear, single, k in reader.compiled.ratios)
+        for joint, pulled in shares.pulled.items():
+            name, arm = pulled[-1]
+            if name in elements:
+                element, ratio = elements[name], numbers[name] in self.reader.compiled.ratios
+                steers = element.tag in ("position", "general") and servos[name].kp > 0.0
+                setting = Setting(element.tag, abs(arm), len(pulled) == 1 and steers, ratio, servos[name])
+                settings[chain.driven[joint].name] = element, setting
         return settings
 
     def written(self, position: float, turns: bool) -> float:

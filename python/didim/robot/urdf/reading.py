@@ -142,11 +142,11 @@ def read_urdf(
         geometry = _geometry(chain, table, down, _followers(chain))
     shares = shares_of(chain, description.tendons)
     geometry = replace(geometry, coupling=tuple(map(tuple, shares.coupling.tolist())))
-    actuators = tuple(joint.actuator for joint in chain.driven)
     softness = tuple(joint.softness for joint in chain.driven)
     terms = (FrictionTerm(law="spring", joint=joint) for joint in sorted(shares.springs))
     cut = () if open else tuple(_cut(description, chain, lock or {}))
     notes += _left_out(description, chain, shares, lock or {})
+    notes += _weights(description, chain, gravity is None)
     named, missing = _parameters(chain, table, set_name, shares, description.incomplete)
     robot = Robot(
         name=description.name or path.stem,
@@ -155,13 +155,13 @@ def read_urdf(
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
         friction=Friction.plain(len(chain.driven), terms),
-        limits=tuple(joint.limits for joint in chain.driven),
+        limits=tuple(shares.limits),
         reduction=None,
         gains=None,
         joint_names=tuple(joint.name for joint in chain.driven),
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=(*notes, *missing),
-        actuators=actuators if any(actuators) else (),
+        actuators=tuple(shares.actuators) if any(shares.actuators) else (),
         softness=softness if set(softness) != {SOFTNESS} else (),
         cut=cut,
         _named={set_name: named} if named else {},
@@ -194,13 +194,36 @@ def _gravity(gravity: Sequence[float] | None, description: Description, chain: C
     """Gravity in the base link."""
     where = description.where
     if gravity is None:
-        return np.asarray(chain.base_pose[:3, :3].T @ np.array(description.gravity))
+        return own_gravity(description, chain)
     down = np.array(gravity, dtype=np.float64)
     if down.shape != (3,) or not np.isfinite(down).all():
         raise RobotError(
             f"{where}: gravity must be three finite numbers (m/s^2, base link), got {list(gravity)!r}"
         )
     return down
+
+
+def own_gravity(description: Description, chain: Chain) -> Array:
+    """Gravity of a file (3,) in the base link (m/s^2): weights that are compensated alike are those of a smaller one."""
+    own = _compensated(description, chain)
+    share = 1.0 - own[0] if len(own) == 1 else 1.0
+    return np.asarray(chain.base_pose[:3, :3].T @ (share * np.array(description.gravity)))
+
+
+def _compensated(description: Description, chain: Chain) -> list[float]:
+    """Return the different shares of their weights that a file takes off the links of a chain."""
+    moving = [member for group in chain.groups for member in group if member.pseudo[3, 3]]
+    return sorted({description.gravcomp.get(member.link, 0.0) for member in moving})
+
+
+def _weights(description: Description, chain: Chain, by_file: bool) -> Iterator[str]:
+    """Return a sentence on weights that the file compensates."""
+    if any(own := _compensated(description, chain)):
+        weights = "the file compensates weights (gravcomp)"
+        if by_file and len(own) == 1:
+            yield f"{weights}, so gravity is {1.0 - own[0]:g} of its own (--gravity X Y Z has another)"
+        else:
+            yield f"{weights}, and the robot has them: {series(description.gravcomp, 60)}"
 
 
 def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) -> list[str]:
@@ -317,8 +340,13 @@ def _left_out(
         yield f"closed loops are cut, and what they hold moves freely: {series(loops, 60)}"
     if shares.left:
         yield f"forces and armatures of tendons are left out: {series(shares.left, 60)}"
-    if driven := [joint.name for joint in chain.joints if joint.actuator and joint.name in chain.mimics]:
-        yield f"drives of joints that follow others are left out: {series(driven, 60)}"
+    if shares.unread:
+        yield (
+            "actuators other than torques, position and velocity servos of one joint are left out: "
+            f"{series(shares.unread, 70)}"
+        )
+    if shares.commands:
+        yield f"commands that are not the position of a joint, or its speed: {series(shares.commands, 120)}"
 
 
 def _parameters(
