@@ -37,35 +37,23 @@ class _Written:
     def apply(self, function: str, value: Expression) -> Expression:
         return self.graph.apply(function, value)
 
+    def over(self, value: Expression, divisor: float) -> Expression:
+        return value * (1.0 / divisor)
+
     def sign(self, joint: int, speed: Expression) -> Expression:
         friction = self.robot.friction
         zone = self.number(friction.dead_zone[joint])
-        if friction.coulomb == "tanh":
-            smooth = self.graph.apply("tanh", speed * (1.0 / friction.smoothing[joint]))
-            return (
-                self.graph.apply("outside", speed, zone, smooth)
-                if friction.dead_zone[joint] > 0.0
-                else smooth
-            )
-        return self.graph.apply("sign", speed, zone)
+        if friction.coulomb != "tanh":
+            return self.graph.apply("sign", speed, zone)
+        smooth = self.apply("tanh", self.over(speed, friction.smoothing[joint]))
+        return self.graph.apply("outside", speed, zone, smooth) if friction.dead_zone[joint] > 0.0 else smooth
 
-    def term(self, term: FrictionTerm, speed: Expression, sign: Expression) -> Expression:
-        one = self.number(1.0)
-        if term.law == "rest":
-            zone = self.robot.friction.dead_zone[term.joint]
-            if not zone > 0.0:
-                return self.number(0.0)
-            return one - self.graph.apply("outside", speed, self.number(zone), one)
-        if term.law == "atan":
-            return self.graph.apply("atan", speed * (1.0 / term.velocity))
-        if term.law == "stribeck":
-            ratio = speed * (1.0 / term.velocity)
-            return sign * self.graph.apply("exp", -(ratio * ratio))
-        if term.law == "root":
-            return sign * self.graph.apply("sqrt", self.graph.apply("abs", speed))
-        if term.law == "forward":
-            return self.graph.apply("positive", speed)
-        return self.graph.apply("table", speed, extra=(term.parameter,))
+    def term(self, term: FrictionTerm, speed: Expression) -> Expression:
+        if term.law == "table":
+            return self.graph.apply("table", speed, extra=(term.parameter,))
+        zone, one = self.robot.friction.dead_zone[term.joint], self.number(1.0)
+        outside = self.graph.apply("outside", speed, self.number(zone), one) if zone > 0.0 else one
+        return one - outside  # a term of rest
 
 
 def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: float | None = None) -> str:
