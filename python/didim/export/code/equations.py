@@ -24,10 +24,10 @@ from ...robot.robot import Robot
 class Algebra(Protocol):
     """Functions of a kind of scalar, in addition to ``+ - *``."""
 
-    def number(self, value: float) -> Any:
+    def number(self, value: float, /) -> Any:
         """Return a constant."""
 
-    def apply(self, function: str, value: Any) -> Any:
+    def apply(self, function: str, value: Any, /) -> Any:
         """Return ``sin``, ``cos``, ``atan``, ``exp``, ``sqrt``, ``abs``, ``positive`` (zero below zero) or ``inverse_root``."""
 
     def sign(self, joint: int, speed: Any) -> Any:
