@@ -7,10 +7,31 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 
 from ..errors import FitError
 from .drives import Drives, JointDrive
 from .numbers import number
+
+ISAAC_LAB = {
+    "stiffness": "kp",
+    "damping": "kv",
+    "actuator_effort_limit": "effort",
+    "armature": "rotor",
+    "friction": "coulomb",
+    "dynamic_friction": "coulomb",
+    "viscous_friction": "viscous",
+}
+"""Fields of a drive by the keys of Isaac Lab; those of the other programs likewise."""
+MJLAB = {
+    "stiffness": "kp",
+    "damping": "kv",
+    "effort_limit": "effort",
+    "armature": "rotor",
+    "frictionloss": "coulomb",
+    "viscous_damping": "viscous",
+}
+BAM = {"armature": "rotor", "friction_base": "coulomb", "friction_viscous": "viscous"}
 
 
 def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
@@ -35,7 +56,7 @@ def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
     lines = [
         "# Written by didim for Isaac Lab 3. In your ArticulationCfg: actuators=ACTUATORS",
         "# Isaac Lab 2 calls actuator_effort_limit effort_limit.",
-        *_comments(drives),
+        *(f"# {sentence}" for sentence in drives.sentences),
         f"from isaaclab.actuators import {', '.join(dict.fromkeys(kinds.values()))}",
         "",
         "ACTUATORS = {",
@@ -43,26 +64,14 @@ def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
     for late, kind in kinds.items():
         joints = groups[late]
         name = "servos" if len(groups) == 1 else f"servos_{late}_steps_late"
-        tables: dict[str, dict[str, float | None]] = {
-            "stiffness": {drive.joint: drive.kp for drive in joints},
-            "damping": {drive.joint: drive.kv or 0.0 for drive in joints},
-            "actuator_effort_limit": {
-                drive.joint: drive.effort for drive in joints if drive.effort is not None
-            },
-            "armature": {drive.joint: drive.rotor for drive in joints},
-            "friction": {drive.joint: drive.coulomb for drive in joints},
-            "dynamic_friction": {drive.joint: drive.coulomb for drive in joints},
-            "viscous_friction": {drive.joint: drive.viscous for drive in joints},
-        }
-        lines += [
-            f'    "{name}": {kind}(',
-            f"        joint_names_expr={json.dumps([re.escape(drive.joint) for drive in joints])},",
-        ]
-        for key, values in tables.items():
-            inside = ", ".join(
-                f"{json.dumps(re.escape(joint))}: {number(value or 0.0)}" for joint, value in values.items()
-            )
-            lines += [f"        {key}={{{inside}}},"] if values else []
+        expressions = json.dumps([re.escape(drive.joint) for drive in joints])
+        lines += [f'    "{name}": {kind}(', f"        joint_names_expr={expressions},"]
+        values = {drive.joint: _values(drive, ISAAC_LAB) for drive in joints}
+        for key in ISAAC_LAB:
+            entries = [
+                f"{json.dumps(re.escape(joint))}: {own[key]}" for joint, own in values.items() if key in own
+            ]
+            lines += [f"        {key}={{{', '.join(entries)}}},"] if entries else []
         lines += [f"        min_delay={late},", f"        max_delay={late},"] if late else []
         lines.append("    ),")
     return "\n".join([*lines, "}"]) + "\n"
@@ -72,25 +81,15 @@ def mjlab(drives: Drives, step_s: float | None = None) -> str:
     """Return the actuators of an ``EntityArticulationInfoCfg``; parameters and errors as of `isaac_lab`."""
     lines = [
         "# Written by didim. In your EntityArticulationInfoCfg: actuators=ACTUATORS",
-        *_comments(drives),
+        *(f"# {sentence}" for sentence in drives.sentences),
         "from mjlab.actuator import BuiltinPositionActuatorCfg",
         "",
         "ACTUATORS = (",
     ]
     for drive in _with_gains(drives):
-        values = {
-            "stiffness": drive.kp,
-            "damping": drive.kv or 0.0,
-            "effort_limit": drive.effort,
-            "armature": drive.rotor,
-            "frictionloss": drive.coulomb,
-            "viscous_damping": drive.viscous,
-        }
-        lines += [
-            "    BuiltinPositionActuatorCfg(",
-            f"        target_names_expr=({json.dumps(re.escape(drive.joint))},),",
-        ]
-        lines += [f"        {key}={number(value)}," for key, value in values.items() if value is not None]
+        expression = json.dumps(re.escape(drive.joint))
+        lines += ["    BuiltinPositionActuatorCfg(", f"        target_names_expr=({expression},),"]
+        lines += [f"        {key}={value}," for key, value in _values(drive, MJLAB).items()]
         if steps := _steps(drive, step_s):
             lines += [f"        delay_min_lag={steps},", f"        delay_max_lag={steps},"]
         lines.append("    ),")
@@ -102,14 +101,16 @@ def bam(drive: JointDrive, actuator: str | None = None) -> str:
 
     BAM's ``load_parameters`` reads them into a model, and ``load_model`` makes one where BAM's name of the actuator is there.
     """
-    keys = {
-        "model": "m1",
-        **({"actuator": actuator} if actuator else {}),
-        "armature": drive.rotor,
-        "friction_base": drive.coulomb,
-        "friction_viscous": drive.viscous,
-    }
+    keys = {"model": "m1", **({"actuator": actuator} if actuator else {})}
+    keys |= {key: getattr(drive, field) for key, field in BAM.items()}
     return json.dumps(keys, indent=2) + "\n"
+
+
+def _values(drive: JointDrive, keys: Mapping[str, str]) -> dict[str, str]:
+    """Return the numbers of a drive by keys of a program; one without a limit has no effort."""
+    values = {key: getattr(drive, field) for key, field in keys.items()}
+    absent = {key for key, field in keys.items() if field == "effort" and drive.effort is None}
+    return {key: number(value or 0.0) for key, value in values.items() if key not in absent}
 
 
 def _with_gains(drives: Drives) -> list[JointDrive]:
@@ -123,7 +124,3 @@ def _with_gains(drives: Drives) -> list[JointDrive]:
 
 def _steps(drive: JointDrive, step_s: float | None) -> int:
     return 0 if step_s is None else round(drive.delay_s / step_s)
-
-
-def _comments(drives: Drives) -> list[str]:
-    return [f"# {sentence}" for sentence in drives.sentences]

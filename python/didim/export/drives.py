@@ -175,11 +175,8 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 raise FitError(
                     f"{where}: the {word} of joint {name!r} is negative ({value:.4g}): no drive has that"
                 )
-
-        def of(key: str, j: int = j) -> float | None:
-            return servo[key][j] if key in servo and j < n else None
-
-        creep, rest = of(SOFT[0]), of(SOFT[1])
+        given = {key: column[j] for key, column in servo.items() if j < n}
+        creep, rest = given.get(SOFT[0]), given.get(SOFT[1])
         drives.append(
             JointDrive(
                 joint=name,
@@ -187,15 +184,15 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 rotor=rotor,
                 viscous=viscous,
                 coulomb=coulomb,
-                kp=of("kp"),
-                kv=of("kv"),
-                effort=of("saturation"),
-                delay_s=of("delay_s") or 0.0,
-                lag_s=of("lag_s") or 0.0,
+                kp=given.get("kp"),
+                kv=given.get("kv"),
+                effort=given.get("saturation"),
+                delay_s=given.get("delay_s") or 0.0,
+                lag_s=given.get("lag_s") or 0.0,
                 stiffness=stiffness,
                 rest=-offset / stiffness if stiffness else 0.0,
                 offset=0.0 if stiffness else offset,
-                bias_rad=of("bias_rad") or 0.0,
+                bias_rad=given.get("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]) if j < len(smoothing) else 0.0,
                 softness=(creep, rest) if creep and rest and positions.get("soft") else None,
                 per_step={

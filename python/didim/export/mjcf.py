@@ -8,7 +8,7 @@ damping and friction loss; its contributions to ``Ia_j``, ``Fv_j`` and ``Fc_j``,
 
 from __future__ import annotations
 
-from xml.sax.saxutils import quoteattr
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array
 from ..robot.rigid_body import inverse, quaternion
 from ..robot.robot import Robot
-from .bodies import ExportModel, LinkBody, export_model
-from .numbers import attributes, inertial, number, numbers
+from .bodies import CoupledMotor, ExportModel, LinkBody, export_model
+from .drives import JointDrive, drives_of_links
+from .numbers import inertial, number, numbers, xml
 
 
 def to_mjcf(robot: Robot, x: ArrayLike) -> str:
@@ -47,116 +48,89 @@ def to_mjcf(robot: Robot, x: ArrayLike) -> str:
 
 def mjcf_text(model: ExportModel) -> str:
     """Return the MJCF of a robot arranged for a file."""
-    rotor, viscous, coulomb = (model.own_share(key) for key in ("rotor", "viscous", "coulomb"))
-    lines = [
-        f"<mujoco model={quoteattr(model.name)}>",
-        '  <compiler angle="radian" autolimits="true"/>',
-        f'  <option gravity="{numbers(model.gravity)}"/>',
-        "  <worldbody>",
-    ]
-    indent = "    "
-    own_base = model.base != "world"  # the name of MuJoCo's own outermost body
-    if own_base:
-        lines.append(f"{indent}<body name={quoteattr(model.base)}>")
-        indent += "  "
-    open_bodies: list[int] = []
-    between, frames = model.between(), model.frames
-    before: list[int] = []
-    for j in model.outwards:
-        before.append(j)
-        if j in between:
-            continue
-        parent = model.links[before[0]].parent
-        while open_bodies and open_bodies[-1] != parent:
-            open_bodies.pop()
-            lines.append(f"{indent}{'  ' * len(open_bodies)}</body>")
-        inner = indent + "  " * len(open_bodies)
-        joints = [
-            _joint(
-                model.links[k],
-                np.eye(4) if k == j else inverse(frames[j]) @ frames[k],
-                rotor[k],
-                viscous[k],
-                coulomb[k],
-            )
-            for k in before
-        ]
-        pose = inverse(frames[parent]) @ frames[j] if before[:-1] else model.links[j].pose
-        lines += [inner + line for line in _body(model.links[j], pose, joints)]
-        open_bodies.append(j)
-        before.clear()
-    lines += [f"{indent}{'  ' * depth}</body>" for depth in reversed(range(len(open_bodies)))]
-    if own_base:
-        lines.append("    </body>")
-    lines.append("  </worldbody>")
-    if model.motors:
-        lines += ["  <tendon>", *_tendons(model), "  </tendon>"]
-    lines += _equalities(model)
-    lines += [
-        "  <actuator>",
-        *(f"    {_actuator(link)}" for link in model.links if link.follower is None),
-        "  </actuator>",
-        "</mujoco>",
-    ]
+    bodies = _bodies(model, drives_of_links(model).every, model.between(), None)
+    if model.base != "world":  # the name of MuJoCo's own outermost body
+        bodies = [xml("body", *bodies, name=model.base)]
+    sections = {"tendon": _tendons(model), "equality": _equalities(model)}
+    motors = [_actuator(link) for link in model.links if link.follower is None]
+    lines = xml(
+        "mujoco",
+        xml("compiler", angle="radian", autolimits="true"),
+        xml("option", gravity=numbers(model.gravity)),
+        xml("worldbody", *bodies),
+        *(xml(section, *parts) for section, parts in sections.items() if parts),
+        xml("actuator", *motors),
+        model=model.name,
+    )
     return "\n".join(lines) + "\n"
 
 
-def _joint(link: LinkBody, frame: Array, rotor: float, viscous: float, coulomb: float) -> str:
+def _bodies(
+    model: ExportModel, drives: Sequence[JointDrive], between: Mapping[int, int], parent: int | None
+) -> list[list[str]]:
+    """Return the bodies on a link, with all that they carry; links `between` the joints of one body are none."""
+    bodies, frames = [], model.frames
+    for j, first in enumerate(model.links):
+        if first.parent != parent:
+            continue
+        own = [j]
+        while own[-1] in between:
+            own.append(between[own[-1]])
+        link = model.links[own[-1]]
+        frame = frames[own[-1]]
+        pose = inverse(frames[parent]) @ frame if own[1:] else link.pose
+        places = [*(inverse(frame) @ frames[k] for k in own[:-1]), np.eye(4)]
+        parts = [_joint(model.links[k], place, drives[k]) for k, place in zip(own, places, strict=True)]
+        parts += [xml("inertial", **inertial(link.pseudo)), *_bodies(model, drives, between, own[-1])]
+        turn = numbers(quaternion(pose[:3, :3]))
+        bodies.append(xml("body", *parts, name=link.link, pos=numbers(pose[:3, 3]), quat=turn))
+    return bodies
+
+
+def _joint(link: LinkBody, frame: Array, drive: JointDrive) -> list[str]:
     """Return a joint, whose link has a frame in the body."""
-    own = f' name={quoteattr(link.joint)} type="{"slide" if link.kind == "prismatic" else "hinge"}"'
-    if frame[:3, 3].any():
-        own += f' pos="{numbers(frame[:3, 3])}"'
-    own += f' axis="{numbers(frame[:3, :3] @ link.axis)}"'
-    if link.limits.position is not None:
-        own += f' range="{numbers(link.limits.position)}"'
-    return f"  <joint{own}{_drive(rotor, viscous, coulomb, stiffness=link.stiffness, springref=link.rest)}/>"
+    position = link.limits.position
+    return xml(
+        "joint",
+        name=link.joint,
+        type="slide" if link.kind == "prismatic" else "hinge",
+        pos=numbers(frame[:3, 3]) if frame[:3, 3].any() else None,
+        axis=numbers(frame[:3, :3] @ link.axis),
+        range=None if position is None else numbers(position),
+        **_drive(drive, stiffness=drive.stiffness, springref=drive.rest),
+    )
 
 
-def _body(link: LinkBody, pose: Array, joints: list[str]) -> list[str]:
-    own = "".join(f' {key}="{value}"' for key, value in inertial(link.pseudo).items())
-    return [
-        f'<body name={quoteattr(link.link)} pos="{numbers(pose[:3, 3])}" '
-        f'quat="{numbers(quaternion(pose[:3, :3]))}">',
-        *joints,
-        f"  <inertial{own}/>",
-    ]
-
-
-def _drive(rotor: float, viscous: float, coulomb: float, **further: float) -> str:
+def _drive(drive: JointDrive | CoupledMotor, **further: float) -> dict[str, str]:
     """Return the attributes of a joint or a tendon that are not zero."""
-    values = {"armature": rotor, "damping": viscous, "frictionloss": coulomb, **further}
-    return attributes({key: value for key, value in values.items() if value})
+    values = {"armature": drive.rotor, "damping": drive.viscous, "frictionloss": drive.coulomb, **further}
+    return {key: number(value) for key, value in values.items() if value}
 
 
-def _tendons(model: ExportModel) -> list[str]:
+def _tendons(model: ExportModel) -> list[list[str]]:
     lines = []
     for motor in model.motors:
-        drive = _drive(motor.rotor, motor.viscous, motor.coulomb)
-        lines.append(f"    <fixed name={quoteattr(f'motor{motor.number + 1}')}{drive}>")
-        lines += [
-            f'      <joint joint={quoteattr(link.joint)} coef="{number(coefficient)}"/>'
+        joints = [
+            xml("joint", joint=link.joint, coef=number(coefficient))
             for link, coefficient in zip(model.links, motor.coefficients, strict=True)
             if coefficient
         ]
-        lines.append("    </fixed>")
+        lines.append(xml("fixed", *joints, name=f"motor{motor.number + 1}", **_drive(motor)))
     return lines
 
 
-def _equalities(model: ExportModel) -> list[str]:
-    """Return the lines on coupled joints; MuJoCo's equality only supports one leader."""
+def _equalities(model: ExportModel) -> list[list[str]]:
+    """Return the ties of coupled joints; MuJoCo's equality only supports one leader."""
     lines = []
     for link in model.links:
-        if link.follower is None:
-            continue
-        leader, factor = link.leader("an equality of MJCF")
-        lines.append(
-            f"    <joint joint1={quoteattr(link.joint)} joint2={quoteattr(model.links[leader].joint)} "
-            f'polycoef="{numbers([link.follower.offset, factor])} 0 0 0"/>'
-        )
-    return ["  <equality>", *lines, "  </equality>"] if lines else []
+        if link.follower is not None:
+            leader, factor = link.leader("an equality of MJCF")
+            line = f"{numbers([link.follower.offset, factor])} 0 0 0"
+            lines.append(xml("joint", joint1=link.joint, joint2=model.links[leader].joint, polycoef=line))
+    return lines
 
 
-def _actuator(link: LinkBody) -> str:
+def _actuator(link: LinkBody) -> list[str]:
     effort = link.limits.effort
-    limit = f' ctrlrange="{numbers([-effort, effort])}"' if effort else ""
-    return f"<motor name={quoteattr(f'{link.joint}_motor')} joint={quoteattr(link.joint)}{limit}/>"
+    limit = numbers([-effort, effort]) if effort else None
+    return xml("motor", name=f"{link.joint}_motor", joint=link.joint, ctrlrange=limit)

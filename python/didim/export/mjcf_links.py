@@ -20,7 +20,7 @@ from ..robot.urdf.reading import LARGEST_DIFFERENCE, own_gravity
 from ..robot.urdf.tendons import Shares
 from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, attributes_out, first_child
 from .bodies import ExportModel
-from .numbers import inertial, numbers
+from .numbers import inertial, numbers, xml
 
 SAME = 1e-10
 """Largest relative difference of two equal values, whose digits the file then keeps: frames that are far away cost some."""
@@ -169,8 +169,7 @@ def _inertial(body: Element, pseudo: Array) -> list[Edit]:
     """Return the changes that give a body an inertia; a body without one is empty."""
     values, old = inertial(pseudo), body.find("inertial")
     if old is None:
-        words = " ".join(f'{key}="{value}"' for key, value in values.items())
-        return [first_child(body, [f"<inertial {words}/>"])]
+        return [first_child(body, xml("inertial", **values))]
     (*_, shape), shapes = values, {"fullinertia", "diaginertia"} & set(old.attributes)
     edits = [
         attribute_edit(old, key, value, *(shapes if key == shape else ())) for key, value in values.items()

@@ -1,8 +1,9 @@
-"""Numbers in exported files: the shortest text that reads back as the same bits."""
+"""Numbers in exported files, the shortest text that reads back as the same bits, and elements of XML."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from xml.sax.saxutils import quoteattr
 
 from .._tools.arrays import Array
 from ..robot.rigid_body import central
@@ -18,14 +19,16 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(map(number, values))
 
 
-def attributes(values: Mapping[str, float]) -> str:
-    """Return numbers as XML attributes, each after a space."""
-    return "".join(f' {key}="{number(value)}"' for key, value in values.items())
+def xml(tag: str, *inside: Iterable[str], **attributes: str | None) -> list[str]:
+    """Return the lines of an XML element with others inside; attributes that are None are left out."""
+    words = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items() if value is not None)
+    lines = [f"  {line}" for part in inside for line in part]
+    return [f"<{tag}{words}>", *lines, f"</{tag}>"] if lines else [f"<{tag}{words}/>"]
 
 
-def moments(inertia: Array) -> dict[str, float]:
+def moments(inertia: Array) -> dict[str, str]:
     """Return the entries of an inertia matrix (3, 3) by their names in URDF and SDF."""
-    return {f"i{'xyz'[a]}{'xyz'[b]}": inertia[a, b] for a in range(3) for b in range(a, 3)}
+    return {f"i{'xyz'[a]}{'xyz'[b]}": number(inertia[a, b]) for a in range(3) for b in range(a, 3)}
 
 
 def inertial(pseudo: Array) -> dict[str, str]:

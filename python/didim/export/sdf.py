@@ -6,8 +6,9 @@ inertias and coupled motors. Tested in ``tests/test_export_sdf.py``, which reads
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import escape
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +17,7 @@ from .._tools.words import series
 from ..robot.rigid_body import central, inverse, roll_pitch_yaw
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
-from .numbers import moments, number, numbers
+from .numbers import moments, number, xml
 
 VERSION = "1.6"
 """SDF version of the output: in every version the poses of links are given in the frame of the model."""
@@ -54,15 +55,6 @@ def to_sdf(robot: Robot, x: ArrayLike) -> str:
 
 def sdf_text(model: ExportModel) -> str:
     """Return the SDF of a robot arranged for a file."""
-    lines = ['<?xml version="1.0"?>', f'<sdf version="{VERSION}">', f"  <model name={quoteattr(model.name)}>"]
-    if model.base != "world":  # a name reserved by SDF
-        lines += [
-            f"    <link name={quoteattr(model.base)}/>",
-            '    <joint name="world_to_base" type="fixed">',
-            "      <parent>world</parent>",
-            f"      <child>{escape(model.base)}</child>",
-            "    </joint>",
-        ]
     frames, links = model.frames, list(model.links)
     between = model.between()
     for j, carried in between.items():
@@ -72,11 +64,16 @@ def sdf_text(model: ExportModel) -> str:
         part, seen = SHARE * model.links[body].pseudo, inverse(frames[j]) @ frames[body]
         links[j] = replace(links[j], pseudo=seen @ part @ seen.T)
         links[body] = replace(links[body], pseudo=links[body].pseudo - part)
+    parts: list[list[str]] = []
+    if model.base != "world":  # a name reserved by SDF
+        ends = _text(parent="world", child=model.base)
+        parts += [xml("link", name=model.base), xml("joint", ends, name="world_to_base", type="fixed")]
     for j in model.outwards:
         link = links[j]
         parent = model.base if link.parent is None else model.links[link.parent].link
-        lines += _link(link, frames[j]) + _joint(link, parent, model)
-    return "\n".join([*lines, "  </model>", "</sdf>"]) + "\n"
+        parts += [_link(link, frames[j]), _joint(link, parent, model)]
+    lines = xml("sdf", xml("model", *parts, name=model.name), version=VERSION)
+    return "\n".join(['<?xml version="1.0"?>', *lines]) + "\n"
 
 
 def no_drives(model: ExportModel, format_name: str) -> list[str]:
@@ -99,64 +96,35 @@ def no_drives(model: ExportModel, format_name: str) -> list[str]:
     return sentences
 
 
+def _text(**values: str | float | Iterable[float] | None) -> list[str]:
+    """Return an element of text or numbers for each value that is there."""
+    lines = []
+    for tag, value in values.items():
+        if value is not None:
+            words = [value] if isinstance(value, str | float | int) else value
+            text = " ".join(escape(word) if isinstance(word, str) else number(word) for word in words)
+            lines.append(f"<{tag}>{text}</{tag}>")
+    return lines
+
+
 def _link(link: LinkBody, frame: Array) -> list[str]:
     mass, centre, inertia = central(link.pseudo)
-    pose = numbers([*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
-    return [
-        f"    <link name={quoteattr(link.link)}>",
-        f"      <pose>{pose}</pose>",
-        "      <inertial>",
-        f"        <pose>{numbers([*centre, 0.0, 0.0, 0.0])}</pose>",
-        f"        <mass>{number(mass)}</mass>",
-        "        <inertia>",
-        *(f"          <{key}>{number(value)}</{key}>" for key, value in moments(inertia).items()),
-        "        </inertia>",
-        "      </inertial>",
-        "    </link>",
-    ]
-
-
-def _mimic(link: LinkBody, model: ExportModel) -> list[str]:
-    """Return the lines on a coupled joint's leader."""
-    if link.follower is None:
-        return []
-    leader, factor = link.leader("a mimic joint of SDF")
-    return [
-        f"        <mimic joint={quoteattr(model.links[leader].joint)}>",
-        f"          <multiplier>{number(factor)}</multiplier>",
-        f"          <offset>{number(link.follower.offset)}</offset>",
-        "          <reference>0</reference>",
-        "        </mimic>",
-    ]
+    body = _text(pose=[*centre, 0.0, 0.0, 0.0], mass=mass)
+    place = _text(pose=[*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
+    entries = xml("inertia", _text(**moments(inertia)))
+    return xml("link", place, xml("inertial", body, entries), name=link.link)
 
 
 def _joint(link: LinkBody, parent: str, model: ExportModel) -> list[str]:
-    limits = link.limits
-    entries = [
-        ("lower", limits.position and limits.position[0]),
-        ("upper", limits.position and limits.position[1]),
-        ("effort", limits.effort),
-        ("velocity", limits.velocity),
-    ]
-    spring = (
-        f"          <spring_{key}>{number(value)}</spring_{key}>"
-        for key, value in (("reference", link.rest), ("stiffness", link.stiffness))
-        if link.stiffness
-    )
-    limit = [f"          <{key}>{number(value)}</{key}>" for key, value in entries if value is not None]
-    return [
-        f'    <joint name={quoteattr(link.joint)} type="{link.kind}">',
-        f"      <parent>{escape(parent)}</parent>",
-        f"      <child>{escape(link.link)}</child>",
-        "      <axis>",
-        f"        <xyz>{numbers(link.axis)}</xyz>",
-        *(["        <limit>", *limit, "        </limit>"] if limit else []),
-        "        <dynamics>",
-        f"          <damping>{number(link.viscous)}</damping>",
-        f"          <friction>{number(link.coulomb)}</friction>",
-        *spring,
-        "        </dynamics>",
-        *_mimic(link, model),
-        "      </axis>",
-        "    </joint>",
-    ]
+    lower, upper = link.limits.position or (None, None)
+    limit = _text(lower=lower, upper=upper, effort=link.limits.effort, velocity=link.limits.velocity)
+    dynamics = _text(damping=link.viscous, friction=link.coulomb)
+    if link.stiffness:
+        dynamics += _text(spring_reference=link.rest, spring_stiffness=link.stiffness)
+    axis = [_text(xyz=link.axis), xml("limit", limit) if limit else [], xml("dynamics", dynamics)]
+    if link.follower is not None:
+        leader, factor = link.leader("a mimic joint of SDF")
+        relation = [*_text(multiplier=factor, offset=link.follower.offset), "<reference>0</reference>"]
+        axis.append(xml("mimic", relation, joint=model.links[leader].joint))
+    ends = _text(parent=parent, child=link.link)
+    return xml("joint", ends, xml("axis", *axis), name=link.joint, type=link.kind)

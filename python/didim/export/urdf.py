@@ -25,7 +25,7 @@ from ..robot.urdf.description import read_description
 from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, edited, first_child, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
 from .drives import Drives, JointDrive
-from .numbers import attributes, moments, number, numbers
+from .numbers import moments, number, numbers, xml
 
 ROTOR_NOTE = " didim: rotor inertia "
 """First words of the comment on a rotor inertia; a later export replaces the comment."""
@@ -124,13 +124,12 @@ def _inertial(link: Element, pseudo: Array) -> Edit:
     """Return the edit that replaces the inertial element of a link, or adds one as its first child."""
     mass, centre, inertia = central(pseudo)
     old = link.find("inertial")
-    lines = [
-        "<inertial>",
-        f'  <origin xyz="{numbers(centre)}" rpy="0 0 0"/>',
-        f'  <mass value="{number(mass)}"/>',
-        f"  <inertia{attributes(moments(inertia))}/>",
-        "</inertial>",
-    ]
+    lines = xml(
+        "inertial",
+        xml("origin", xyz=numbers(centre), rpy="0 0 0"),
+        xml("mass", value=number(mass)),
+        xml("inertia", **moments(inertia)),
+    )
     if old is None:
         return first_child(link, lines)
     text = (link.newline + old.indent).join(line.encode() for line in lines)
@@ -171,7 +170,8 @@ def _dynamics(joint: Element, body: LinkBody | JointDrive) -> list[Edit]:
         changes += [attribute_edit(old, key, number(value)) for key, value in changed.items()]
     newline, indent = joint.newline, joint.children[-1].indent
     if old is None and any(values.values()):
-        behind += newline + indent + f"<dynamics{attributes(values)}/>".encode()
+        (line,) = xml("dynamics", **{key: number(value) for key, value in values.items()})
+        behind += newline + indent + line.encode()
     note = next((comment for comment in joint.comments if comment.text.startswith(ROTOR_NOTE)), None)
     unit = "kg" if body.kind == "prismatic" else "kg.m^2"
     text = f"<!--{ROTOR_NOTE}{number(body.rotor)} {unit} (armature), which URDF has no place for -->".encode()

@@ -122,10 +122,7 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
         )
         entry.done()
     correspondence = Correspondence(
-        file=table.text("file"),
-        sha256=table.text("sha256"),
-        base=table.text("base"),
-        tip=table.text("tip"),
+        **{key: table.text(key) for key in ("file", "sha256", "base", "tip")},
         frame_0=_read_pose(table, "frame_0"),
         links=tuple(links),
         lock=() if lock is None else tuple((name, lock.number(name)) for name in lock.content),

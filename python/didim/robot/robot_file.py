@@ -87,15 +87,9 @@ def load_robot(
         if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot
-    for option, value in (
-        ("tip", tip),
-        ("base", base),
-        ("lock", lock),
-        ("gravity", gravity),
-        ("open", open or None),
-    ):
-        if value is not None:
-            raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
+    options = {"tip": tip, "base": base, "lock": lock, "gravity": gravity, "open": open or None}
+    for option in (key for key, value in options.items() if value is not None):
+        raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
     if path.suffix != ".toml":
         if str(name) not in packaged:

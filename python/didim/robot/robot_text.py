@@ -22,10 +22,9 @@ from .friction import (
     FrictionTerm,
     scale_units,
 )
-from .placement import Mount
 from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
 from .robot import LIMIT_KEYS, JointLimits, Robot
-from .transmission import SOFTNESS, followers_text
+from .transmission import SOFTNESS, Follower
 
 
 def robot_text(robot: Robot) -> str:
@@ -36,59 +35,28 @@ def robot_text(robot: Robot) -> str:
     robot : Robot
         Any robot.
     """
+    geometry = robot.geometry
     lines = [f"# {one_line(note)}" for note in robot.notes]
-    lines += [
-        "schema = 1",
-        f"name = {quoted(robot.name)}",
-        f"description = {quoted(robot.description)}",
-        f'convention = "{"mdh" if robot.standard is None else "dh"}"',
-        f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
-    ]
+    lines += ["schema = 1", *_keys(name=robot.name, description=robot.description)]
+    lines += _keys(convention="mdh" if robot.standard is None else "dh", gravity_m_s2=geometry.gravity)
     if robot.cut:
         lines.append(f"cut = {quoted(list(robot.cut))} # closed loops that this tree does not have")
     if _snaps(robot):
         lines.append("snap_rad = 0.0 # angles are kept as they are")
-    geometry = robot.geometry
     for j, kind in enumerate(geometry.kinds):
-        lines += ["", "[[joint]]"]
-        if robot.joint_names:
-            lines.append(f"name = {quoted(robot.all_joint_names[j])}")
-        lines.append(f"kind = {quoted(kind)}")
-        if geometry.mounts:
-            taken = any(any(mount.shift) for mount in geometry.mounts)
-            lines += _mount(geometry.mounts[j], j, taken)
-        if robot.standard is None:
-            lines += [
-                _angle("alpha", geometry.alpha[j]),
-                f"d_m = {_number(geometry.d[j])}",
-                _angle("theta", geometry.theta[j]),
-                f"r_m = {_number(geometry.r[j])}",
-            ]
-        else:
-            lines += [
-                f"a_m = {_number(robot.standard.a[j])}",
-                _angle("alpha", robot.standard.alpha[j]),
-                f"d_m = {_number(geometry.r[j])}",
-                _angle("theta", geometry.theta[j]),
-            ]
+        name = robot.all_joint_names[j] if robot.joint_names else None
+        lines += ["", "[[joint]]", *_keys(name=name, kind=kind), *_row(robot, j)]
         limits = _limits(robot.limits[j], kind) if j < robot.n_dof else []
         if limits:
             lines.append(f"limits = {{ {', '.join(limits)} }}")
         lines += _drive(robot, j, kind)
-    lines += followers_text(geometry.followers, geometry.kinds) + _transmission(robot) + _friction(robot)
+    lines += _couplings(geometry.followers, geometry.kinds) + _transmission(robot) + _friction(robot)
     for capsule in robot.collision:
-        lines += [
-            "",
-            "[[collision]]",
-            f"link = {capsule.link}",
-            f"from_m = {_numbers(capsule.start)}",
-            f"to_m = {_numbers(capsule.end)}",
-            f"radius_m = {_number(capsule.radius)}",
-        ]
+        lines += ["", "[[collision]]", f"link = {capsule.link}"]
+        lines += _keys(from_m=capsule.start, to_m=capsule.end, radius_m=capsule.radius)
     for name, values in robot._named.items():
         lines += ["", f"[parameters.{toml_key(name)}]"]
-        if name in robot._own:
-            lines.append('frames = "own"')
+        lines += _keys(frames="own" if name in robot._own else None)
         lines += [f"{toml_key(parameter)} = {_number(value)}" for parameter, value in values.items()]
     if robot.correspondence is not None:
         lines += _urdf(robot.correspondence)
@@ -107,30 +75,49 @@ def _snaps(robot: Robot) -> bool:
     )
 
 
-def _mount(mount: Mount, joint: int, taken: bool) -> list[str]:
-    """Return the lines of a joint's mount, if it differs from a chain's."""
+def _row(robot: Robot, joint: int) -> list[str]:
+    """Return the lines of a joint's frame: its mount, if that differs from a chain's, and its row."""
+    geometry, standard = robot.geometry, robot.standard
     lines = []
-    if mount.parent != (joint - 1 if joint else None):
-        lines.append(f"antecedent = {0 if mount.parent is None else mount.parent + 1}")
-    if mount.gamma:
-        lines.append(_angle("gamma", mount.gamma))
-    if mount.b:
-        lines.append(f"b_m = {_number(mount.b)}")
-    if taken:  # copied placements all have a shift; it prevents their angles from being snapped
-        lines.append(f"shift_m = {_numbers(mount.shift)}")
+    if geometry.mounts:
+        mount = geometry.mounts[joint]
+        if mount.parent != (joint - 1 if joint else None):
+            lines.append(f"antecedent = {0 if mount.parent is None else mount.parent + 1}")
+        lines += [_angle("gamma", mount.gamma)] if mount.gamma else []
+        # Copied placements all have a shift; it prevents their angles from being snapped.
+        copied = any(any(other.shift) for other in geometry.mounts)
+        lines += _keys(b_m=mount.b or None, shift_m=mount.shift if copied else None)
+    theta = _angle("theta", geometry.theta[joint])
+    if standard is None:
+        alpha, d = _angle("alpha", geometry.alpha[joint]), geometry.d[joint]
+        return [*lines, alpha, *_keys(d_m=d), theta, *_keys(r_m=geometry.r[joint])]
+    alpha, a = _angle("alpha", standard.alpha[joint]), standard.a[joint]
+    return [*lines, *_keys(a_m=a), alpha, *_keys(d_m=geometry.r[joint]), theta]
+
+
+def _couplings(followers: Sequence[Follower], kinds: Sequence[str]) -> list[str]:
+    """Return the lines of the tables ``[[coupling]]``."""
+    lines: list[str] = []
+    for joint, follower in enumerate(followers, start=len(kinds) - len(followers)):
+        leaders, factors = zip(*follower.leaders, strict=True)
+        lines += [
+            "",
+            "[[coupling]]",
+            f"joint = {joint + 1}",
+            f"follows = {[leader + 1 for leader in leaders]}",
+        ]
+        offset = "offset_rad" if kinds[joint] == "revolute" else "offset_m"
+        lines += _keys(factors=factors, **{offset: follower.offset})
     return lines
 
 
 def _transmission(robot: Robot) -> list[str]:
     n = robot.n_dof
     identity = tuple(tuple(float(i == j) for j in range(n)) for i in range(n))
-    lines = []
-    if robot.geometry.coupling != identity:
-        lines.append(f"coupling = {_matrix(robot.geometry.coupling)}")
-    if robot.reduction is not None:
-        lines.append(f"reduction = {_matrix(robot.reduction.tolist())}")
-    if robot.gains is not None:
-        lines.append(f"drive_gains = {_numbers(robot.gains)}")
+    coupling = robot.geometry.coupling
+    matrices = {"coupling": None if coupling == identity else coupling, "reduction": robot.reduction}
+    lines = [f"{key} = {_matrix(rows)}" for key, rows in matrices.items() if rows is not None]
+    lines += _keys(drive_gains=robot.gains)
     return ["", "[transmission]", *lines] if lines else []
 
 
@@ -145,7 +132,7 @@ def _friction(robot: Robot) -> list[str]:
         values = getattr(friction, key)
         for unit, kind in scale_units(key):
             if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
-                lines.append(f"{key}_{unit} = {_numbers(values)}")
+                lines += _keys(**{f"{key}_{unit}": values})
     lines += _further_friction(robot)
     own = [line for term in robot.friction.terms if term.law == "table" for line in _own_law(robot, term)]
     return [*(["", "[friction]", *lines] if lines else []), *own, *_springs(robot)]
@@ -159,30 +146,17 @@ def _springs(robot: Robot) -> list[str]:
         lines += [f"{key} = {joints}"] if joints else []
     for term in (term for term in terms if term.law == CYLINDER[0]):
         a, b, phi, rest = term.values
-        lines += [
-            "",
-            "[[springs.cylinder]]",
-            f"joint = {term.joint + 1}",
-            f"a_m = {_number(a)}",
-            f"b_m = {_number(b)}",
-            f"phi_deg = {_number(math.degrees(phi))}",
-            f"rest_m = {_number(rest)}",
-        ]
+        lines += ["", "[[springs.cylinder]]", f"joint = {term.joint + 1}"]
+        lines += _keys(a_m=a, b_m=b, phi_deg=math.degrees(phi), rest_m=rest)
     return ["", "[springs]", *lines] if lines else []
 
 
 def _own_law(robot: Robot, term: FrictionTerm) -> list[str]:
     """Lines of a user-defined law, as a table of values."""
     unit = "rad_s" if robot.joint_kinds[term.joint] == "revolute" else "m_s"
-    return [
-        "",
-        "[[friction.law]]",
-        f"name = {quoted(term.name)}",
-        f"joints = [{term.joint + 1}]",
-        f"first_{unit} = {term.first!r}",
-        f"step_{unit} = {term.step!r}",
-        f"values = {_numbers(term.values)}",
-    ]
+    speeds = {f"first_{unit}": term.first, f"step_{unit}": term.step}
+    head = ["", "[[friction.law]]", *_keys(name=term.name), f"joints = [{term.joint + 1}]"]
+    return [*head, *_keys(**speeds, values=term.values)]
 
 
 def _further_friction(robot: Robot) -> list[str]:
@@ -216,43 +190,44 @@ def _drive(robot: Robot, joint: int, kind: str) -> list[str]:
     lines = []
     actuator = robot.actuators[joint] if joint < len(robot.actuators) else None
     if actuator is not None:
-        values = {"kp": actuator.kp, "kv": actuator.kv, LIMIT_KEYS[kind][2]: actuator.effort}
-        values["lag_s"] = actuator.lag_s or None
-        own = [f"{key} = {_number(value)}" for key, value in values.items() if value is not None]
+        effort = {LIMIT_KEYS[kind][2]: actuator.effort}
+        own = _keys(kp=actuator.kp, kv=actuator.kv, **effort, lag_s=actuator.lag_s or None)
         lines.append(f"actuator = {{ {', '.join(own)} }}" if own else "actuator = {}")
     if joint < len(robot.softness) and robot.softness[joint] != SOFTNESS:
-        lines.append(f"softness_s = {_numbers(robot.softness[joint])}")
+        lines += _keys(softness_s=robot.softness[joint])
     return lines
 
 
 def _limits(limits: JointLimits, kind: str) -> list[str]:
-    given = zip(LIMIT_KEYS[kind], (limits.position, limits.velocity, limits.effort), strict=True)
-    return [
-        f"{key} = {_numbers(value) if isinstance(value, tuple) else _number(value)}"
-        for key, value in given
-        if value is not None
-    ]
+    given = (limits.position, limits.velocity, limits.effort)
+    return _keys(**dict(zip(LIMIT_KEYS[kind], given, strict=True)))
 
 
 def _urdf(places: Correspondence) -> list[str]:
-    lines = [
-        "",
-        "# How frames and names go back to the URDF; `didim export` reads it.",
-        "[urdf]",
-        *(f"{key} = {quoted(getattr(places, key))}" for key in ("file", "sha256", "base", "tip")),
-    ]
+    lines = ["", "# How frames and names go back to the URDF; `didim export` reads it.", "[urdf]"]
+    lines += _keys(**{key: getattr(places, key) for key in ("file", "sha256", "base", "tip")})
     if places.lock:
         pairs = ", ".join(f"{toml_key(name)} = {_number(value)}" for name, value in places.lock)
         lines.append(f"lock = {{ {pairs} }}")
-    if places.snapped_rad:
-        lines.append(f"snapped_rad = {_number(places.snapped_rad)}")
+    lines += _keys(snapped_rad=places.snapped_rad or None)
     lines.append(f"frame_0 = {_pose(places.frame_0)} # frame 0 in the base link, m")
     for link in places.links:
-        lines += ["", "[[urdf.link]]", f"joint = {quoted(link.joint)}", f"link = {quoted(link.link)}"]
+        lines += ["", "[[urdf.link]]", *_keys(joint=link.joint, link=link.link)]
         lines.append(f"pose = {_pose(link.pose)} # of the link in frame j, m")
         others = {"lumped": list(link.lumped), "locked": list(link.locked)}
         lines += [f"{key} = {quoted(names)}" for key, names in others.items() if names]
     return lines
+
+
+def _keys(**values: str | float | Sequence[float] | None) -> list[str]:
+    """Return a line per key with a value."""
+    return [f"{key} = {_value(value)}" for key, value in values.items() if value is not None]
+
+
+def _value(value: str | float | Sequence[float]) -> str:
+    if isinstance(value, str):
+        return quoted(value)
+    return _number(value) if isinstance(value, float | int) else _numbers(value)
 
 
 def _angle(name: str, angle: float) -> str:
@@ -271,7 +246,7 @@ def _numbers(values: Iterable[float]) -> str:
     return f"[{', '.join(map(_number, values))}]"
 
 
-def _matrix(rows: Sequence[Sequence[float]]) -> str:
+def _matrix(rows: Iterable[Iterable[float]]) -> str:
     return "[\n" + "".join(f"    {_numbers(row)},\n" for row in rows) + "]"
 
 

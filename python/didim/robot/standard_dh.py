@@ -52,12 +52,8 @@ def read_lengths(joint: Table) -> tuple[float, float]:
     DidimError
         Error of the table's class, when one is missing, or `r_m` of the modified convention is there.
     """
-    for key, meant in (
-        ("a", "a_m"),
-        ("d", "d_m"),
-        ("alpha", "alpha_deg or alpha_rad"),
-        ("theta", "theta_deg or theta_rad"),
-    ):
+    angles = {name: f"{name}_deg or {name}_rad" for name in ("alpha", "theta")}
+    for key, meant in {"a": "a_m", "d": "d_m", **angles}.items():
         if key in joint.content_unread:
             joint.fail(f"unknown key {key!r}; units are part of the keys: {meant}")
     if joint.has("r_m"):

@@ -174,20 +174,3 @@ def read_followers(
         rows = tuple((int(leader) - 1, factor) for leader, factor in zip(leaders, factors, strict=True))
         followers[joint] = Follower(leaders=rows, offset=offset, name=names[joint - 1] if names else "")
     return tuple(followers[joint] for joint in sorted(followers))
-
-
-def followers_text(followers: Sequence[Follower], kinds: Sequence[str]) -> list[str]:
-    """Return the lines of the tables ``[[coupling]]``."""
-    lines: list[str] = []
-    driven = len(kinds) - len(followers)
-    for k, follower in enumerate(followers):
-        unit = "rad" if kinds[driven + k] == "revolute" else "m"
-        lines += [
-            "",
-            "[[coupling]]",
-            f"joint = {driven + k + 1}",
-            f"follows = {[leader + 1 for leader, _ in follower.leaders]}",
-            f"factors = {[float(factor) for _, factor in follower.leaders]}",
-            f"offset_{unit} = {float(follower.offset)!r}",
-        ]
-    return lines

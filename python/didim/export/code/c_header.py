@@ -24,48 +24,29 @@ _LONGEST = 90
 """Largest number of characters of an expression without a variable of its own."""
 
 
-@dataclass(frozen=True)
-class _Written:
-    """Algebra of expressions for C code."""
+@dataclass(kw_only=True)
+class _Written(Graph):
+    """Expressions of C code, and the robot whose friction they have."""
 
-    graph: Graph
     robot: Robot
 
-    def number(self, value: float) -> Expression:
-        return self.graph.number(value)
-
-    def apply(self, function: str, value: Expression) -> Expression:
-        return self.graph.apply(function, value)
+    def over(self, value: Expression, divisor: float) -> Expression:
+        return value * (1.0 / divisor)
 
     def sign(self, joint: int, speed: Expression) -> Expression:
         friction = self.robot.friction
         zone = self.number(friction.dead_zone[joint])
-        if friction.coulomb == "tanh":
-            smooth = self.graph.apply("tanh", speed * (1.0 / friction.smoothing[joint]))
-            return (
-                self.graph.apply("outside", speed, zone, smooth)
-                if friction.dead_zone[joint] > 0.0
-                else smooth
-            )
-        return self.graph.apply("sign", speed, zone)
+        if friction.coulomb != "tanh":
+            return self.apply("sign", speed, zone)
+        smooth = self.apply("tanh", self.over(speed, friction.smoothing[joint]))
+        return self.apply("outside", speed, zone, smooth) if friction.dead_zone[joint] > 0.0 else smooth
 
-    def term(self, term: FrictionTerm, speed: Expression, sign: Expression) -> Expression:
-        one = self.number(1.0)
-        if term.law == "rest":
-            zone = self.robot.friction.dead_zone[term.joint]
-            if not zone > 0.0:
-                return self.number(0.0)
-            return one - self.graph.apply("outside", speed, self.number(zone), one)
-        if term.law == "atan":
-            return self.graph.apply("atan", speed * (1.0 / term.velocity))
-        if term.law == "stribeck":
-            ratio = speed * (1.0 / term.velocity)
-            return sign * self.graph.apply("exp", -(ratio * ratio))
-        if term.law == "root":
-            return sign * self.graph.apply("sqrt", self.graph.apply("abs", speed))
-        if term.law == "forward":
-            return self.graph.apply("positive", speed)
-        return self.graph.apply("table", speed, extra=(term.parameter,))
+    def term(self, term: FrictionTerm, speed: Expression) -> Expression:
+        if term.law == "table":
+            return self.apply("table", speed, extra=(term.parameter,))
+        zone, one = self.robot.friction.dead_zone[term.joint], self.number(1.0)
+        outside = self.apply("outside", speed, self.number(zone), one) if zone > 0.0 else one
+        return one - outside  # a term of rest
 
 
 def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None, smoothing: float | None = None) -> str:
@@ -230,10 +211,10 @@ def _functions(n: int, states: int) -> list[_Function]:
 
 def _function(robot: Robot, values: Mapping[str, float], prefix: str, function: _Function) -> str:
     """Write a function that computes results in sequence, common subexpressions once."""
-    graph = Graph()
+    graph = _Written(robot=robot)
     named = {name: graph.number(value) for name, value in values.items()}
     inputs = ([graph.leaf(f"{name}[{k}]") for k in range(size)] for name, size in function.inputs.items())
-    model = Equations(robot, named, _Written(graph, robot), next(inputs))
+    model = Equations(robot, named, graph, next(inputs))
     results = function.results(model, *inputs)
     needed, uses = _needed(graph, [one.index for one in results])
     texts: dict[int, str] = {}

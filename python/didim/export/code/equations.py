@@ -24,17 +24,20 @@ from ...robot.robot import Robot
 class Algebra(Protocol):
     """Functions of a kind of scalar, in addition to ``+ - *``."""
 
-    def number(self, value: float) -> Any:
+    def number(self, value: float, /) -> Any:
         """Return a constant."""
 
-    def apply(self, function: str, value: Any) -> Any:
-        """Return ``sin``, ``cos``, ``abs``, ``positive`` (zero below zero) or ``inverse_root`` of a value."""
+    def apply(self, function: str, value: Any, /) -> Any:
+        """Return ``sin``, ``cos``, ``atan``, ``exp``, ``sqrt``, ``abs``, ``positive`` (zero below zero) or ``inverse_root``."""
 
     def sign(self, joint: int, speed: Any) -> Any:
         """Return the sign of the Coulomb friction of a joint, with its smoothing and dead zone."""
 
-    def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
-        """Return the column of a further friction term that only depends on speed."""
+    def over(self, value: Any, divisor: float) -> Any:
+        """Return a value over a constant."""
+
+    def term(self, term: FrictionTerm, speed: Any) -> Any:
+        """Return the column of a further friction term that only depends on speed, and is no formula of it."""
 
 
 Scalars = NDArray[np.object_]
@@ -170,6 +173,18 @@ class Equations:
         slope = lever * algebra.apply("inverse_root", squared)
         return slope if term.law == "cylinder" else lever - algebra.number(rest) * slope
 
+    def _law(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
+        """Column of a further friction term that only depends on speed."""
+        apply = self.algebra.apply
+        if term.law == "root":
+            return sign * apply("sqrt", apply("abs", speed))
+        if term.law == "forward":
+            return apply("positive", speed)
+        if term.law not in ("atan", "stribeck"):
+            return self.algebra.term(term, speed)
+        ratio = self.algebra.over(speed, term.velocity)
+        return apply("atan", ratio) if term.law == "atan" else sign * apply("exp", -(ratio * ratio))
+
     def torque(self, dq: Sequence[Any], ddq: Sequence[Any], z: Sequence[Any] = ()) -> list[Any]:
         """Return the torques of the inverse model (1), friction and offsets included (N.m or N).
 
@@ -195,7 +210,7 @@ class Equations:
             if term.law == "load":
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.apply("abs", tau[j])
             else:
-                friction[j] = friction[j] + parameter * self.algebra.term(term, dq[j], signs[j])
+                friction[j] = friction[j] + parameter * self._law(term, dq[j], signs[j])
         return self._driven(self._sprung([a + b for a, b in zip(tau, friction, strict=True)]))
 
     def inertia(self) -> list[list[Any]]:

@@ -124,12 +124,6 @@ class Expression:
     def __neg__(self) -> Expression:
         return self._negated or self.graph.apply("neg", self)
 
-    def __radd__(self, other: float) -> Expression:
-        return self._expression(other) + self
-
-    def __rsub__(self, other: float) -> Expression:
-        return self._expression(other) - self
-
     def __rmul__(self, other: float) -> Expression:
         return self._expression(other) * self
 

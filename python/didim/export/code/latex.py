@@ -63,28 +63,22 @@ class _Symbolic:
             return 1 / self.sympy.sqrt(value)
         return getattr(self.sympy, function.replace("abs", "Abs"))(value)
 
+    def over(self, value: Any, divisor: float) -> Any:
+        return value / self.number(divisor)
+
     def sign(self, joint: int, speed: Any) -> Any:
-        friction = self.robot.friction
-        smooth = friction.coulomb == "tanh"
-        signed = (
-            self.sympy.tanh(speed / self.number(friction.smoothing[joint]))
-            if smooth
-            else self.sympy.sign(speed)
-        )
-        zone = friction.dead_zone[joint]
+        friction, zone = self.robot.friction, self.robot.friction.dead_zone[joint]
+        if friction.coulomb == "tanh":
+            signed = self.apply("tanh", self.over(speed, friction.smoothing[joint]))
+        else:
+            signed = self.apply("sign", speed)
         if not zone > 0.0:
             return signed
         # No friction in the dead zone: the unit step, theta in LaTeX.
         return signed * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
-    def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
-        if term.law == "atan":
-            return self.sympy.atan(speed / self.number(term.velocity))
-        if term.law == "stribeck":
-            return sign * self.sympy.exp(-((speed / self.number(term.velocity)) ** 2))
-        if term.law == "root":
-            return sign * self.sympy.sqrt(self.sympy.Abs(speed))
-        return self.apply("positive", speed)
+    def term(self, term: FrictionTerm, speed: Any) -> Any:
+        raise AssertionError(f"{term.law} is in _REFUSED")
 
 
 def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
