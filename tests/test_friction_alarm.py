@@ -12,10 +12,12 @@ import pytest
 import didim
 import didim.regression.friction.alarm as of_residual
 from didim.regression.friction.alarm import (
+    LEVEL,
     FrictionAlarm,
     LawColumns,
     _Whitening,
     autoregression,
+    joint_test,
     laws_to_test,
 )
 from didim.result.identification import Identification
@@ -85,13 +87,24 @@ def test_a_law_is_seen_under_noise_that_lasts(motion: int) -> None:
     assert alarm(fitted(stribeck(0.2), 5000 + motion, draw=motion, noise="correlated")).raised
 
 
+def test_memory_alone_is_enough_for_an_alarm_of_seven_joints() -> None:
+    """Probabilities are times seven, by two tests, and memory has a quarter of the level: the patterns are as many more."""
+    rng = np.random.default_rng(3)
+    blocks = [np.arange(k, k + 10) for k in range(0, 200, 10)]
+    column = rng.standard_normal(200)
+    memory = np.ones(1, dtype=bool)
+    probability, _ = joint_test(column[:, None], column, (blocks, blocks), memory, 2)
+    assert 7.0 * probability[0] < LEVEL
+
+
 def test_an_autoregression_whitens_what_it_made() -> None:
     rng = np.random.default_rng(1)
     white = rng.standard_normal(8000)
     made = np.zeros(8000)
     for k in range(2, 8000):
         made[k] = 1.2 * made[k - 1] - 0.5 * made[k - 2] + white[k]
-    law = autoregression([made[:3000], made[3000:]])
+    law = autoregression([made[:3000], made[3000:]], 0.3)
+    assert len(autoregression([made], 0.8)) == 0  # no more than a filter makes
     np.testing.assert_allclose(law, [1.2, -0.5], atol=0.03)
     assert len(autoregression([white])) == 0
     assert len(autoregression([np.zeros(5)])) == 0

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from didim.experiment.specs import Measurement
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Digital
 from didim.loop.memory import ControllerMemory
+from didim.loop.outcome import Outcome, SimulationStatus
 from didim.methods.cloe.jacobian import Jacobian
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.didim.problem import EVERYTHING, Iterate, Part, Problem, Simulated
@@ -302,6 +304,44 @@ def test_a_slack_limb_goes_on_to_its_fixed_point(slack: Experiment) -> None:
     end = didim.identify(slack, start)
     distance = np.max(np.abs(end.beta - whole.beta) / whole.std)
     assert distance <= whole.history[-1].more["remaining_sigma"] <= 0.15
+
+
+@pytest.mark.parametrize("method", [PLAIN, didim.IDIMIV(physical=False)], ids=["didim", "idim-iv"])
+def test_small_steps_in_time_are_given_up_at_the_end(
+    walker: tuple[Experiment, Array], method: didim.DIDIM, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limbs then move again, with the usual steps: a motion that was kept would be that of other parameters."""
+    log, _ = walker
+    plain = didim.identify(log, method)
+    usual, calls = Problem.simulate, []
+
+    def simulate(self: Problem, x: Array, *rest: Any) -> Simulated | Outcome:
+        calls.append(x)
+        return Outcome(SimulationStatus.DIVERGED, 0.5, 1) if len(calls) == 3 else usual(self, x, *rest)
+
+    monkeypatch.setattr(Problem, "simulate", simulate)
+    fit = didim.identify(log, method)
+    assert any("until the end is near they are" in text for text in fit.remarks)
+    assert fit.converged
+    assert np.max(np.abs(fit.beta - plain.beta) / plain.std) < 0.3
+    assert fit.output_error is not None
+    assert plain.output_error is not None
+    assert fit.output_error[1] == pytest.approx(plain.output_error[1], rel=0.01)
+
+
+def test_a_limb_that_finds_no_end_leaves_the_others_their_best(walker: tuple[Experiment, Array]) -> None:
+    """Torques of the first leg have the wrong sign: the run does not converge, and the other legs are as they were."""
+    log, _ = walker
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    tau = recording.tau * np.where(np.arange(6) < 2, -1.0, 1.0)
+    right, wrong = (
+        didim.identify(replace(log, recordings=(replace(recording, tau=each),)), PLAIN)
+        for each in (recording.tau, tau)
+    )
+    assert not wrong.converged
+    of_others = [name.rstrip("R+-")[-1] in "3456" for name in right.names]
+    assert np.max(np.abs(wrong.beta - right.beta)[of_others]) < 0.01
 
 
 def test_a_run_that_is_stopped_ends_all_limbs(slack: Experiment) -> None:

@@ -154,6 +154,7 @@ def secant(cost: Callable[[Array], float]) -> SecantSteps:
             method=stub(sigma_fraction=0.1),
             windows=[stub(tau=np.ones(1))],
             choose_steps=lambda x: None,
+            shares=lambda lengths: float(lengths[0]),
             simulate=lambda x, *more: stub(x=x, errors=np.array([cost(x)])),
             reporter=None,
         )

@@ -169,7 +169,7 @@ def test_signs_of_twenty_stretches_of_time_are_flipped(monkeypatch: pytest.Monke
     system = job.system(parts)
     counts: list[int] = []
 
-    def tested(columns: Array, rho: object, blocks: Any, memory: object) -> tuple[Array, Array]:
+    def tested(columns: Array, rho: object, blocks: Any, *rest: object) -> tuple[Array, Array]:
         counts.append(len(blocks[0]))
         return np.ones(columns.shape[1]), np.zeros(columns.shape[1])
 

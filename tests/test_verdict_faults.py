@@ -166,6 +166,19 @@ def test_lasting_noise_of_the_torques_is_not_another_controller(sound: dict[str,
         assert loop_findings(experiment) == []
 
 
+def test_a_fault_is_seen_without_noise_of_the_positions(sound: dict[str, Log]) -> None:
+    """Then signals of the loop hardly differ, and directions that are rounding of the others explain nothing."""
+    experiment = sound["gantry"].noisy(2, 1e-6)
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    added = 0.2 * np.std(recording.tau, axis=0) * np.sin(recording.q)
+    wrong = replace(experiment, recordings=(replace(recording, tau=recording.tau + added),))
+    (reason,) = loop_findings(with_lasting_noise(wrong, 0.03))
+    assert reason.code == "controller"
+    # The joint that is named is one of those that are accused.
+    assert reason.facts["joint"] in reason.joints
+
+
 @pytest.mark.parametrize("of", ["gravity", "torque", "dead band"])
 def test_what_a_controller_adds_is_seen_under_lasting_noise(sound: dict[str, Log], of: str) -> None:
     """A torque that compensates gravity, a gain that grows with the torque, and a drive that gives no small torques."""

@@ -42,8 +42,8 @@ BLOCKS = 10
 """Number of blocks of rows that are left out in turn where signals of the loop explain the error of the law."""
 LATE = (-3.0, 3.0, 8.0)
 """Delays of the law's terms among these signals (samples)."""
-LEAST_SINGULAR = 1e-6
-"""Singular value of these signals, as a share of the largest, below which a direction is left out."""
+LEAST_SINGULAR = 1e-3
+"""Singular value of these signals, as a share of the largest, below which a direction is noise of the others, and is left out."""
 NEAR_LIMIT = 0.85
 """Share of the largest torque above which its excess is one of them."""
 
@@ -193,11 +193,18 @@ def loop_findings(
                 facts={**left, "left": score**0.5, **law.facts},
             )
         ]
-    if worst <= ASTRAY:  # so far off, the torques are not those of the law whatever they follow
-        follows = _followed(rows, experiment, x)
-        off = [joint for joint in off if law_found.relative[joint] * np.sqrt(follows[joint]) > AGREES]
+    # So far astray the torques are not those of the law, whatever they follow.
+    follows = dict(zip(off, _followed(rows, experiment, x, off), strict=True))
+    off = [
+        joint
+        for joint in off
+        if (error := law_found.relative[joint]) > ASTRAY or error * np.sqrt(follows[joint]) > AGREES
+    ]
     if not off:
         return []
+    joint = max(off, key=lambda each: float(law_found.relative[each]))
+    worst = float(law_found.relative[joint])
+    left = {"worst": worst, "joint": joint + 1}
     return [
         Finding(
             code="controller",
@@ -210,12 +217,12 @@ def loop_findings(
     ]
 
 
-def _followed(rows: LawRows, experiment: Experiment, x: Array | None) -> Array:
-    """Return the share of each joint's squared error that signals of the loop explain on blocks left out, (n_dof,).
+def _followed(rows: LawRows, experiment: Experiment, x: Array | None, joints: Sequence[int]) -> Array:
+    """Return the share of the squared error of joints, from 0, that signals of the loop explain on blocks left out, (n_joints,).
 
     Another controller makes its torque of such signals: the terms of the law, also late; the reference's speed, acceleration,
     direction and gravity's sine and cosine; the torque's square and what of it nears a limit; the model's torque along the
-    reference. Noise of the torques, correlated or not, follows none of them beyond the rows on which it was fitted.
+    reference. Noise of the torques that is short against a block follows none of them beyond the rows on which it was fitted.
     """
     reference = [stretch.loop.reference.at(stretch.t) for stretch in rows.stretches]
     torque = rows.reduced(rows.torques())
@@ -235,9 +242,10 @@ def _followed(rows: LawRows, experiment: Experiment, x: Array | None) -> Array:
         signals.append(rows.reduced([inverse_dynamics(experiment.robot, *motion, x) for motion in reference]))
     every, error = np.stack(signals), rows.error(rows.law())
     edges = np.linspace(0, len(error), BLOCKS + 1).astype(int)
-    shares = np.zeros(error.shape[1])
-    for joint, own in enumerate(error.T):
-        columns = every[:, :, joint].T - every[:, :, joint].mean(axis=1)
+    shares = np.zeros(len(joints))
+    for number, joint in enumerate(joints):
+        # A block has a mean of its own, so the mean is one of the columns.
+        own, columns = error[:, joint], np.column_stack([every[:, :, joint].T, np.ones(len(error))])
         left, sizes, _ = np.linalg.svd(unit_columns(columns)[0], full_matrices=False)
         basis = left[:, sizes > LEAST_SINGULAR * sizes[0]]
         rest = 0.0
@@ -247,7 +255,7 @@ def _followed(rows: LawRows, experiment: Experiment, x: Array | None) -> Array:
             normal = (1.0 + LEAST_SINGULAR) * np.eye(basis.shape[1]) - out.T @ out
             fitted = np.linalg.solve(normal, basis.T @ own - out.T @ own[start:stop])
             rest += float(np.sum((own[start:stop] - out @ fitted) ** 2))
-        shares[joint] = max(0.0, 1.0 - rest / max(float(own @ own), np.finfo(float).tiny))
+        shares[number] = max(0.0, 1.0 - rest / max(float(own @ own), np.finfo(float).tiny))
     return shares
 
 

@@ -90,7 +90,8 @@ class Iterations:
         self._attempts, self._patience = 0, 0
         self._norms = np.full(len(self.problem.parts), np.nan)
         self._lost = 0
-        self.iterate = self._best = self._start()
+        self.iterate = self._start()
+        self._bests = [self.iterate] * len(self.problem.parts)
         self._first_error = self.iterate.simulated.error
 
     def result(self) -> Identification:
@@ -135,9 +136,10 @@ class Iterations:
         self._compare(after)
         if not stopped and self._all_rest(after, solved, step, norms):
             # Repeat the last iterations with the experiment's time steps, so the result does not depend on the start.
+            self.problem.rouse()
             usual = self.problem.take_usual_steps(after.x)
             if usual is not None:
-                self._rouse()
+                self.rests = {}
                 return replace(after, simulated=usual)
             self.status = Status.CONVERGED
             if self.over or self.method.stop:
@@ -146,11 +148,12 @@ class Iterations:
         return after
 
     def _compare(self, after: Iterate) -> None:
-        """Record the best iterate, and give up if only worse ones follow."""
-        error, best = after.simulated.error, self._best.simulated.error
+        """Record the best iterate of each part, and give up if only worse ones follow."""
+        error, best = after.simulated.error, min(each.simulated.error for each in self._bests)
         self._lost = self._lost + 1 if error >= max(1.0, best) else 0
-        if error < best:
-            self._best = after
+        for number, part in enumerate(self.problem.parts):
+            if after.simulated.error_of(part.joints) < self._bests[number].simulated.error_of(part.joints):
+                self._bests[number] = after
         if self._lost >= self.problem.most_lost and self.status is not Status.STOPPED:
             self.over = True
             self._remarks.append(lost_sentence(self._lost, error))
@@ -173,13 +176,14 @@ class Iterations:
         """
         method, problem = self.method, self.problem
         torques, exact = solved.system.norms(solved.system.measured), []
-        sound = step.length >= step.wanted and not solved.held and len(self.history) >= self._patience
+        sound = not solved.held and len(self.history) >= self._patience
         for number, part in enumerate(problem.parts):
             norm, before = self._norms[number], norms[number]
             # Without noise the residual, and the sigmas from it, become rounding.
             exact.append(ratio(norm, np.linalg.norm(torques[part.joints])) <= ROUNDING)
             # A diverging robot may have steady residuals, but is further from the log than zero torque.
-            if number in self.rests or not sound or not after.simulated.error_of(part.joints) < 1.0:
+            taken = sound and step.lengths[number] >= step.wanted
+            if number in self.rests or not taken or not after.simulated.error_of(part.joints) < 1.0:
                 continue
             change, largest = ratio(abs(norm - before), before), float(step.changes[part.columns].max())
             steady = change <= method.tolerance and largest <= problem.steady_within
@@ -202,7 +206,7 @@ class Iterations:
         problem, job, converged = self.problem, self.problem.job, self.status.converged
         if not converged:
             self._rouse()
-            self.iterate = best = self._best
+            self.iterate = best = self._joined_bests()
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
             self.solved = problem.solve(best)
         elif len(self.rests) > 1:
@@ -243,6 +247,18 @@ class Iterations:
             output_error=(self._first_error, point.simulated.error),
             n_simulations=problem.n_simulations,
         )
+
+    def _joined_bests(self) -> Iterate:
+        """Return the iterate with the parameters of each part's best one."""
+        best = min(self._bests, key=lambda each: each.simulated.error)
+        if all(each is best for each in self._bests):
+            return best
+        x = best.x.copy()
+        for part, each in zip(self.problem.parts, self._bests, strict=True):
+            x[part.indices] = each.x[part.indices]
+        run = self.problem.simulate(x)
+        last = max(each.iteration for each in self._bests)
+        return best if isinstance(run, Outcome) else Iterate(x, run, last)
 
     def _sentences(self, suspected: Sequence[Finding]) -> list[str]:
         """Return sentences on stuck joints, time steps and the reference."""

@@ -124,10 +124,10 @@ class Solved:
     std: Array
     held: tuple[int, ...] = ()
 
-    def at(self, length: float) -> Array:
-        """Return the standard parameters at a share of the way from the iterate to the solution."""
+    def at(self, share: float | Array) -> Array:
+        """Return the standard parameters at a share of the way from the iterate to the solution, of all or of each."""
         x = self.along.x
-        return x + length * (self.target - x) if length < 1.0 else self.target
+        return x + share * (self.target - x) if np.any(share < 1.0) else self.target
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,8 +251,24 @@ class Problem:
             if not outcome.completed:
                 return outcome
             motions.append(_kept(window, arrays, 0))
-            self._latest[window] = arrays if len(self.parts) > 1 else ()
+            if len(self.parts) > 1:
+                self._latest[window] = arrays
         return self._compared(x, motions, scale)
+
+    def shares(self, lengths: Array) -> float | Array:
+        """Return the share of the way of each standard parameter, (n_parameters,), or one for all, from that of each part."""
+        if len(self.parts) == 1:
+            return float(lengths[0])
+        shares = np.ones(len(self.resting))
+        for part, length in zip(self.parts, lengths, strict=True):
+            shares[part.indices] = length
+        return shares
+
+    def shortened(self, lengths: Array, ended: Outcome) -> Array:
+        """Return the lengths of the parts after a simulation that ended early: half of that of the limb where it did, or of all."""
+        numbers = np.arange(self.robot.n_dof)
+        there = [ended.joint is not None and ended.joint - 1 in numbers[part.joints] for part in self.parts]
+        return np.where(there if any(there) else True, 0.5 * lengths, lengths)
 
     def rest(self, part: Part) -> None:
         """Keep the parameters of a part, and the motion that was simulated last with them."""
@@ -261,6 +277,7 @@ class Problem:
     def rouse(self) -> None:
         """Let all parts move again."""
         self.resting[:] = self._still[:] = False
+        self._latest.clear()
 
     def simulate_all(self, candidates: Sequence[Array]) -> list[Simulated | Outcome]:
         """Simulate every window with many candidates, (n_parameters,) each, in parallel."""

@@ -16,6 +16,7 @@ of S are differences of simulations; one simulation in a random direction shows 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,7 +73,8 @@ class Ahead:
     distance : float
         Largest distance of a parameter from it, in its standard deviations.
     rate : float
-        Contraction rate of a plain iteration along the slowest direction: the largest eigenvalue of ``1 - R^-1 Q^T S``.
+        Contraction rate of a plain iteration along the slowest direction: the largest eigenvalue of ``1 - R^-1 Q^T S``;
+        constraints that hold this direction make it less.
     wider : float
         Largest ratio of the fixed point's standard deviations to those of (10), for a tight loop.
     """
@@ -98,16 +100,19 @@ class Ahead:
         # Constraints hold some directions, so F is applied until it rests; without them it rests at once.
         tried: list[Array] = []
         rests: list[Array] = []
+        least = np.inf
         for _ in range(MOST_SOLUTIONS):
             moved = replace(system, y=system.y + (system.w - slopes) @ change)
             there = problem.solved(solved.along, moved, problem.solution(moved))
             tried, rests = [*tried, change], [*rests, there.fit.solution - here - change]
-            if np.all(np.abs(rests[-1]) <= PREDICTED * fit.std):
+            rest = float(np.max(quotient(np.abs(rests[-1]), fit.std)))
+            if rest < least:
+                least, nearest = rest, there
+            if rest <= PREDICTED:
                 break
             change = _mixed(tried, rests, fit.std)
-        change = there.fit.solution - here
-        distance = float(np.max(quotient(np.abs(change), fit.std)))
-        return cls(replace(solved, fit=fit), there.target, distance, rate, wider)
+        far = float(np.max(quotient(np.abs(nearest.fit.solution - here), fit.std)))
+        return cls(replace(solved, fit=fit), nearest.target, far + least, rate, wider)
 
 
 def _mixed(tried: Sequence[Array], rests: Sequence[Array], std: Array) -> Array:
@@ -293,9 +298,10 @@ def _newton(problem: Problem, point: Ahead, slopes: Array) -> tuple[Ahead | None
         x = along.x + length * (point.target - along.x)
         (run,) = problem.simulate_all([x])
         if not isinstance(run, Outcome):
-            after = Ahead.of(problem, _solved(problem, Iterate(x, run, along.iteration + 1)), slopes)
-            if after is not None and after.distance < point.distance:
-                return after, length
+            with suppress(DidimError, np.linalg.LinAlgError):
+                after = Ahead.of(problem, _solved(problem, Iterate(x, run, along.iteration + 1)), slopes)
+                if after is not None and after.distance < point.distance:
+                    return after, length
         length *= 0.5
     return None, 0.0
 

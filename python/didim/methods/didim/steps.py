@@ -14,7 +14,7 @@ from ..._tools.arrays import Array
 from ...loop.outcome import Outcome, SimulationStatus
 from ...model.safe_step import safe_step, thinned
 from ...regression.covariance import inverse
-from .problem import CHECKED_POSITIONS, Iterate, Problem, Simulated, Solved
+from .problem import CHECKED_POSITIONS, Iterate, Part, Problem, Simulated, Solved
 
 MOST_HALVINGS = 20
 """Largest number of times a step is halved when the simulation after it ends early."""
@@ -34,8 +34,8 @@ class Step:
     ----------
     after : Iterate or Outcome
         Iterate after the step, or how the simulation of the shortest step ended.
-    length : float
-        Share of the way to the solution.
+    lengths : (n_parts,) array
+        Share of the way to the solution, of each part.
     changes : (n,) array
         Changes of the estimated parameters on the whole way, in standard deviations.
     largest : float
@@ -47,11 +47,16 @@ class Step:
     """
 
     after: Iterate | Outcome
-    length: float
+    lengths: Array
     changes: Array
     largest: float = 1.0
     wanted: float = 1.0
     repeated: bool = False
+
+    @property
+    def length(self) -> float:
+        """Shortest of the lengths."""
+        return float(self.lengths.min())
 
     @property
     def largest_change(self) -> float:
@@ -60,22 +65,23 @@ class Step:
 
 
 def halved(
-    problem: Problem, solved: Solved, length: float, most: int, scale: Callable[[float, Array], Array | None]
-) -> Iterator[tuple[float, Iterate | Outcome]]:
-    """Yield the iterates after steps of a length, half of it, and so on, or how their simulation ended.
+    problem: Problem, solved: Solved, lengths: Array, most: int, scale: Callable[[float, Array], Array | None]
+) -> Iterator[tuple[Array, Iterate | Outcome]]:
+    """Yield the iterates after steps of a length of each part, half of it, and so on, or how their simulation ended.
 
     Only a step that may be the last is also simulated with half the time steps; `scale` gives the factors of the gains.
     """
     may_be_last = float(problem.changes_in_sigma(solved).max(initial=0.0)) <= problem.method.sigma_fraction
     for _ in range(most):
-        x = solved.at(length)
+        x, length = solved.at(problem.shares(lengths)), float(lengths.min())
         run = problem.simulate(x, scale(length, x), may_be_last)
         if isinstance(run, Outcome):
             problem.reporter.say(f"with a step of {length:.3g} the simulation {run}; half of it")
-            yield length, run
+            yield lengths, run
+            lengths = problem.shortened(lengths, run)
         else:
-            yield length, Iterate(x, run, solved.along.iteration + 1)
-        length *= 0.5
+            yield lengths, Iterate(x, run, solved.along.iteration + 1)
+            lengths = 0.5 * lengths
 
 
 class SafeSteps:
@@ -86,15 +92,16 @@ class SafeSteps:
 
     def step(self, solved: Solved) -> Step:
         """Take the longest step towards the solution with M(q) > 0 and a complete simulation."""
-        problem, iterate, largest = self.problem, solved.along, self._largest(solved)
-        length = 0.0
+        problem, iterate = self.problem, solved.along
+        largest = np.array([self._largest(solved, part) for part in problem.parts])
+        lengths = np.zeros(len(largest))
         after: Iterate | Outcome = Outcome(SimulationStatus.DIVERGED)
         for tried, after in halved(problem, solved, largest, MOST_HALVINGS, self._scale):
             if isinstance(after, Iterate):
-                length = tried
+                lengths = tried
                 break
-        step = Step(after, length, problem.changes_in_sigma(solved), largest)
-        if length < largest and problem.take_small_steps():
+        step = Step(after, lengths, problem.changes_in_sigma(solved), float(largest.min()))
+        if np.any(lengths < largest) and problem.take_small_steps():
             # With M(q) > 0 the iterate is a robot; a failed simulation then needs smaller time steps.
             again = problem.simulate(iterate.x, iterate.simulated.scale)
             if isinstance(again, Simulated):
@@ -106,9 +113,11 @@ class SafeSteps:
         updating = self.problem.method.gain_updating == "always" and length < 1.0
         return self.problem.gain_scale(x) if updating else None
 
-    def _largest(self, solved: Solved) -> float:
-        """Return the largest share of the step with M(q) > 0 for every payload."""
+    def _largest(self, solved: Solved, part: Part) -> float:
+        """Return the largest share of the step of a part with M(q) > 0 for every payload."""
         problem, iterate, model = self.problem, solved.along, self.problem.base
+        target = iterate.x.copy()
+        target[part.indices] = solved.target[part.indices]
         groups: dict[int, list[Array]] = {}
         for window, motion in zip(problem.windows, iterate.simulated.motions, strict=True):
             groups.setdefault(-1 if model.simple else window.recording, []).append(motion[0])
@@ -117,7 +126,7 @@ class SafeSteps:
                 problem.robot,
                 thinned(np.concatenate(q), CHECKED_POSITIONS),
                 model.standard(iterate.x, recording),
-                model.standard(solved.target, recording),
+                model.standard(target, recording),
                 problem.method.margin,
             )
             for recording, q in groups.items()
@@ -149,18 +158,19 @@ class SecantSteps:
         )
         tried: list[tuple[float, float, Iterate]] = []
         ended: Iterate | Outcome | None = None
-        for length, ended in halved(problem, solved, wanted, FEWER_HALVINGS + 1, lambda *step: None):
+        whole = np.array([wanted])
+        for lengths, ended in halved(problem, solved, whole, FEWER_HALVINGS + 1, lambda *step: None):
             if isinstance(ended, Iterate):
-                tried.append((self._cost(ended.simulated, weights), length, ended))
+                tried.append((self._cost(ended.simulated, weights), float(lengths[0]), ended))
                 if free or tried[-1][0] <= RISE * cost:
                     break
         self._before, self._length = ahead, 0.0
         if not tried:
             assert ended is not None
-            return Step(ended, 0.0, changes, wanted=wanted)
+            return Step(ended, np.zeros(1), changes, wanted=wanted)
         _, self._length, chosen = min(tried, key=lambda trial: trial[0])
         problem.choose_steps(chosen.x)
-        return Step(chosen, self._length, changes, wanted=wanted)
+        return Step(chosen, np.array([self._length]), changes, wanted=wanted)
 
     def _secant(self, ahead: Array, metric: Array) -> float:
         """Return the length at which the gradient along the last step would have vanished; at most 1."""

@@ -81,6 +81,8 @@ TIME_BLOCKS = 20
 %."""
 FEWEST_BLOCKS = 8
 """Number of blocks below which flips have too few patterns (2^7) for a probability of 1 %, and there is no test."""
+LASTING = 3.0
+"""Correlation of neighbouring rows beyond that of their filter, in its standard deviation, from which the error lasts."""
 LARGEST_ORDER = 3
 """Largest order of the autoregression that whitens rows."""
 LEVEL = 0.01
@@ -99,7 +101,9 @@ class FrictionAlarm:
     ----------
     p_value : ndarray, shape (n_dof,)
         Probability of scores as large where the model is right, per joint, times the number of joints; the larger of the
-        tests over stretches of time and between reversals, and of an alarm's two trials. One where a joint was not tested.
+        tests over stretches of time and between reversals, and of an alarm's two trials. Where the error lasts, times two, and
+        the smaller of rows as they are and whitened ones, which are left out where the first raise an alarm. One where a joint
+        was not tested.
     law : str
         Family that explains the residual best: ``"stribeck"``, ``"atan"``, ``"load"`` or ``"dahl"``; empty without an alarm.
     tested : tuple of str
@@ -227,8 +231,7 @@ def friction_alarm(
     ) -> tuple[Array, Array]:
         laws = [replace(law, columns=way.columns(law.columns)) for law in candidates]
         known = [way.columns(decimated(values, parts, signal)) for values in errors]
-        found, visible = _tested(system, some, laws, known, speeds)
-        return np.minimum(1.0, len(ways) * found), visible
+        return _tested(system, some, laws, known, speeds, len(ways))
 
     probability, seen = np.ones((len(candidates), n)), np.zeros((len(candidates), n))
     for way in ways:
@@ -237,6 +240,8 @@ def friction_alarm(
         some = limbs
         if way is white:
             some = _limbs(white.system(system), replace(fit, residual=white.rows(fit.residual)))
+            # The rest of whitened rows is that of their own solution.
+            some = [replace(limb, rho=_freed(limb.q, limb.rho[:, None])[:, 0]) for limb in some]
         found, least = tested_with(way, some, sampling_errors)
         if (found < LEVEL).any() and (slow := slow_errors(sampling_errors, parts, signal)):
             found, least = np.maximum((found, least), tested_with(way, some, slow))
@@ -266,6 +271,7 @@ def _tested(
     candidates: Sequence[LawColumns],
     errors: Sequence[Array],
     speeds: Array,
+    tests: int,
 ) -> tuple[Array, Array]:
     """Return the probability of the scores, freed of errors of the torques, and the visible friction, by law and joint, (k, n)."""
     n = len(system.joints)
@@ -275,9 +281,6 @@ def _tested(
     time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
     for limb in limbs:
         known = limb.freed_of(errors)
-        rho = _freed(limb.q, limb.rho[:, None])[
-            :, 0
-        ]  # the rest of whitened rows is that of their own solution
         free = [_freed(known, limb.weighted(candidate.columns)) for candidate in candidates]
         stretches = limb.own(time)
         for index, joint in enumerate(limb.joints):
@@ -285,7 +288,7 @@ def _tested(
             if min(map(len, blocks)) < FEWEST_BLOCKS:
                 continue
             columns = np.stack([column[:, index] for column in free], axis=1)
-            probability, units = joint_test(columns, rho, blocks, memory)
+            probability, units = joint_test(columns, limb.rho, blocks, memory, tests)
             p_value[:, joint] = np.minimum(1.0, n * probability)
             visible[:, joint] = units * np.array([candidate.amplitude[joint] for candidate in candidates])
     return p_value, visible
@@ -339,7 +342,12 @@ class _Whitening:
     def of(cls, system: LinearSystem, residual: Array) -> _Whitening:
         """Return the whitening by a residual, (r,)."""
         blocks = [[block.rows for block in blocks] for blocks in system.joint_blocks]
-        return cls([autoregression([residual[rows] for rows in some]) for some in blocks], blocks)
+        laws = []
+        for joint, some in zip(system.joint_blocks, blocks, strict=True):
+            known = joint[0].correlation  # that of white noise in the log, by the filter of the rows
+            of_filter = 0.0 if known is None or len(known) < 2 else float(known[1])
+            laws.append(autoregression([residual[rows] for rows in some], of_filter))
+        return cls(laws, blocks)
 
     def rows(self, values: Array) -> Array:
         """Return whitened rows, (r,) or (r, k); the first ones of each window are zero."""
@@ -361,15 +369,18 @@ class _Whitening:
         return replace(system, w=self.rows(system.w), slopes=slopes)
 
 
-def autoregression(pieces: Sequence[Array]) -> Array:
-    """Return the autoregression of a signal in pieces, (p,): Yule and Walker's, of the order that Schwarz's criterion takes."""
+def autoregression(pieces: Sequence[Array], of_filter: float = 0.0) -> Array:
+    """Return the autoregression of a signal in pieces, (p,): Yule and Walker's, of the order that Schwarz's criterion takes.
+
+    None where the correlation of neighbours is no larger than that of a filter, but for chance.
+    """
     r = np.zeros(LARGEST_ORDER + 1)
     for piece in pieces:
         for lag in range(min(len(r), len(piece))):
             r[lag] += piece[lag:] @ piece[: len(piece) - lag]
     n, best = sum(map(len, pieces)), 0.0
     chosen = np.zeros(0)
-    if not r[0] > 0.0:
+    if not r[0] > 0.0 or r[1] / r[0] - of_filter <= LASTING / np.sqrt(n):
         return chosen
     r /= r[0]
     for order in range(1, LARGEST_ORDER + 1):
@@ -577,21 +588,27 @@ blocks it is 3.6."""
 
 
 def joint_test(
-    columns: Array, rho: Array, blocks: Sequence[Sequence[Rows]], memory: NDArray[np.bool_]
+    columns: Array,
+    rho: Array,
+    blocks: Sequence[Sequence[Rows]],
+    memory: NDArray[np.bool_],
+    tests: int = 1,
 ) -> tuple[Array, Array]:
     """Return the probability of the scores of a joint's columns, (n_rows, k), and by how many units of each the test sees it.
 
     Columns of zeros are not tested: their probability is one, and they are never seen (zero units).
     """
     scores = [np.array([columns[rows].T @ rho[rows] for rows in some]) for some in blocks]
-    probability = np.max([_flipped(part, memory) for part in scores], axis=0)
+    probability = tests * np.max([_flipped(part, memory, tests) for part in scores], axis=0)
     spread = np.max([np.sqrt(np.sum(np.square(part), axis=0)) for part in scores], axis=0)
     size = np.sum(np.square(columns), axis=0)
     return probability, VISIBLE * quotient(spread, size)
 
 
-def _flipped(scores: Array, memory: NDArray[np.bool_]) -> Array:
+def _flipped(scores: Array, memory: NDArray[np.bool_], tests: int = 1) -> Array:
     """Return the probability of the scores of laws, (n_blocks, k), when the signs of blocks are flipped, (k,).
+
+    Several tests share the level, so each has as many times the patterns.
 
     The largest score counts, of laws of memory and of others, which share the false alarms.
     """
@@ -601,20 +618,21 @@ def _flipped(scores: Array, memory: NDArray[np.bool_]) -> Array:
     units = scores / np.where(spread > 0.0, spread, np.inf)
     # A pattern that is the observed one up to its sign counts, whatever the rounding.
     observed = np.abs(units.sum(axis=0)) * (1.0 - 1e-9)
-    drawn, probability = np.abs(_signs(len(scores)) @ units), np.ones(len(observed))
+    signs = _signs(len(scores), (FLIPS + 1) * tests - 1)
+    drawn, probability = np.abs(signs @ units), np.ones(len(observed))
     for group, share in ((~memory, 1.0 - MEMORY_SHARE), (memory, MEMORY_SHARE)):
         tested = np.flatnonzero(group & (spread > 0.0))
         if tested.size:
             largest = np.max(drawn[:, tested], axis=1)[:, None]
             count = np.sum(largest >= observed[tested], axis=0)
-            probability[tested] = np.minimum(1.0, (1.0 + count) / (FLIPS + 1) / share)
+            probability[tested] = np.minimum(1.0, (1.0 + count) / (len(signs) + 1) / share)
     return probability
 
 
 @lru_cache(maxsize=8)
-def _signs(blocks: int) -> Array:
-    """Return the random signs of blocks, (FLIPS, blocks)."""
-    return np.asarray(np.random.default_rng(SEED).integers(0, 2, (FLIPS, blocks)) * 2.0 - 1.0)
+def _signs(blocks: int, count: int) -> Array:
+    """Return the random signs of blocks, (count, blocks)."""
+    return np.asarray(np.random.default_rng(SEED).integers(0, 2, (count, blocks)) * 2.0 - 1.0)
 
 
 TURN = 0.01
