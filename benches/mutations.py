@@ -336,8 +336,8 @@ PYTHON = (
     Mutation(
         "dynamic friction for Isaac Lab is viscous friction",
         "python/didim/export/configuration.py",
-        '"dynamic_friction": {drive.joint: drive.coulomb',
-        '"dynamic_friction": {drive.joint: drive.viscous',
+        '"dynamic_friction": "coulomb"',
+        '"dynamic_friction": "viscous"',
         "tests/test_export_drives.py",
     ),
     Mutation(
