@@ -351,6 +351,8 @@ class _Whitening:
 
     def rows(self, values: Array) -> Array:
         """Return whitened rows, (r,) or (r, k); the first ones of each window are zero."""
+        if not any(map(len, self.laws)):
+            return values
         made = values.copy()
         for law, blocks in zip(self.laws, self.blocks, strict=True):
             for rows in blocks:
