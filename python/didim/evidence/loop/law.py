@@ -225,22 +225,17 @@ def _followed(rows: LawRows, experiment: Experiment, x: Array | None, joints: Se
     reference. Noise of the torques that is short against a block follows none of them beyond the rows on which it was fitted.
     """
     reference = [stretch.loop.reference.at(stretch.t) for stretch in rows.stretches]
-    torque = rows.reduced(rows.torques())
+    torque = rows.law()
     largest = np.maximum(np.abs(torque).max(axis=0), np.finfo(float).tiny)
     signals = [
-        *rows.columns(),
-        *(
-            rows.reduced([terms[k] for terms in late])
-            for late in (rows.terms(lag_s=lag / rows.rate_hz) for lag in LATE)
-            for k in range(len(rows.names))
-        ),
+        *(column for lag in (0.0, *LATE) for column in rows.columns(lag / rows.rate_hz)),
         *(rows.reduced(each) for each in zip(*map(_of_motion, reference), strict=True)),
         torque * np.abs(torque) / largest,
         np.sign(torque) * np.maximum(np.abs(torque) - NEAR_LIMIT * largest, 0.0),
     ]
     if x is not None:
-        signals.append(rows.reduced([inverse_dynamics(experiment.robot, *motion, x) for motion in reference]))
-    every, error = np.stack(signals), rows.error(rows.law())
+        signals.append(_along_reference(rows, experiment, x))
+    every, error = np.stack(signals), rows.error(torque)
     edges = np.linspace(0, len(error), BLOCKS + 1).astype(int)
     shares = np.zeros(len(joints))
     for number, joint in enumerate(joints):
@@ -257,6 +252,14 @@ def _followed(rows: LawRows, experiment: Experiment, x: Array | None, joints: Se
             rest += float(np.sum((own[start:stop] - out @ fitted) ** 2))
         shares[number] = max(0.0, 1.0 - rest / max(float(own @ own), np.finfo(float).tiny))
     return shares
+
+
+def _along_reference(rows: LawRows, experiment: Experiment, x: Array) -> Array:
+    """Return the model's torque along the reference on the rows, (n_rows, n_dof), with standard parameters."""
+    robot = experiment.robot
+    return rows.reduced(
+        [inverse_dynamics(robot, *each.loop.reference.at(each.t), x) for each in rows.stretches]
+    )
 
 
 def _of_motion(motion: tuple[Array, Array, Array]) -> tuple[Array, ...]:
@@ -283,13 +286,7 @@ def _laws(recovery: Recovered, experiment: Experiment, off: list[int], x: Array 
     yield Law("reference-late", error, value=lead)
     yield _limits(rows)
     if x is not None:
-        forward = rows.reduced(
-            [
-                inverse_dynamics(experiment.robot, *each.loop.reference.at(each.t), x)
-                for each in rows.stretches
-            ]
-        )
-        share, error = _fed(rows, forward)
+        share, error = _fed(rows, _along_reference(rows, experiment, x))
         yield Law("feed-forward", error, value=share)
 
 

@@ -159,9 +159,9 @@ class LawRows:
             for parts, forward in zip(self.terms() if terms is None else terms, self.forward, strict=True)
         ]
 
-    def columns(self) -> Array:
-        """Torque of each term on the rows, (n_terms, n_rows, n_dof)."""
-        terms = self.terms()
+    def columns(self, lag_s: float = 0.0) -> Array:
+        """Torque of each term on the rows, late by `lag_s`, (n_terms, n_rows, n_dof)."""
+        terms = self.terms(lag_s)
         return np.stack([self.reduced([term[k] for term in terms]) for k in range(len(self._columns))])
 
     def reduced(self, signals: Sequence[Array]) -> Array:

@@ -144,7 +144,7 @@ class Iterations:
             self.status = Status.CONVERGED
             if self.over or self.method.stop:
                 return self._settle(after)
-            self._rouse()
+            self.rests = {}
         return after
 
     def _compare(self, after: Iterate) -> None:
@@ -163,13 +163,7 @@ class Iterations:
         joints = solved.system.norms(solved.fit.residual)
         return np.array([np.linalg.norm(joints[part.joints]) for part in self.problem.parts])
 
-    def _all_rest(
-        self,
-        after: Iterate,
-        solved: Solved,
-        step: Step,
-        norms: Array,
-    ) -> bool:
+    def _all_rest(self, after: Iterate, solved: Solved, step: Step, norms: Array) -> bool:
         """Let parts rest whose residual or parameters have converged; whether all do. Stores the sentence on the rule.
 
         `norms` are those of the iteration before.
@@ -196,16 +190,11 @@ class Iterations:
         self._exact = all(exact)
         return len(self.rests) == len(problem.parts)
 
-    def _rouse(self) -> None:
-        """Let all parts iterate again."""
-        self.rests = {}
-        self.problem.rouse()
-
     def _finish(self) -> Identification:
         """Build the result, with the errors of its parameters: the last iterate if the iterations converged, else the best one."""
         problem, job, converged = self.problem, self.problem.job, self.status.converged
         if not converged:
-            self._rouse()
+            problem.rouse()
             self.iterate = best = self._joined_bests()
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
             self.solved = problem.solve(best)
@@ -285,7 +274,6 @@ class Iterations:
         if self._exact or problem.instrumental or problem.base.n_gains:
             return iterate
         slow = self._path.contraction(self.solved.std)
-        problem.rouse()
         end = run_to_fixed_point(problem, iterate, slow, self.history)
         if end is None:
             if slow is not None and slow.remaining_largest > SLOW:
@@ -299,8 +287,7 @@ class Iterations:
             few = self._attempts < MOST_ATTEMPTS and len(self.history) < method.max_iterations
             self.over = rested or not few
             if not self.over:
-                self.status = Status.NOT_CONVERGED
-                self._rouse()
+                self.status, self.rests = Status.NOT_CONVERGED, {}
                 return iterate
         self.history = end.continued(self.history)
         self._remarks += end.remarks

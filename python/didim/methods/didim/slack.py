@@ -26,7 +26,7 @@ from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
 from ...model.limbs import Directions
-from ...regression.classical.instrumental import instrumented
+from ...regression.classical.instrumental import Instrumented, instrumented
 from ...regression.covariance import Factors, covariance_of_columns
 from ...regression.fit import Fit
 from ...result.iteration import Iteration
@@ -89,14 +89,14 @@ class Ahead:
     def of(cls, problem: Problem, solved: Solved, slopes: Array) -> Ahead | None:
         """Return the fixed point by a response S, (r, n), at this or a nearby iterate; None if the log does not determine it."""
         system, fit, weights = solved.system, solved.fit, solved.fit.weights
-        here, n = problem.job.estimated(solved.along.x), len(system.names)
+        here = problem.job.estimated(solved.along.x)
         newton = instrumented(slopes, system.w, system.y + (slopes - system.w) @ here, weights)
         if newton is None:
             return None
-        fit, wider = _with_errors(problem, solved, slopes, here)
+        fit, wider = _with_errors(problem, solved, slopes, here, newton)
         gain = newton.inverse @ (newton.left.T @ (system.w * weights[:, None]))
         rate = float(np.abs(1.0 - 1.0 / np.linalg.eigvals(gain)).max())
-        change = newton.solution[:n] - here
+        change = newton.solution - here
         # Constraints hold some directions, so F is applied until it rests; without them it rests at once.
         tried: list[Array] = []
         rests: list[Array] = []
@@ -123,11 +123,15 @@ def _mixed(tried: Sequence[Array], rests: Sequence[Array], std: Array) -> Array:
     return np.asarray(tried[-1] + rests[-1] - (steps + falls) @ shares)
 
 
-def _with_errors(problem: Problem, solved: Solved, slopes: Array, here: Array) -> tuple[Fit, float]:
+def _with_errors(
+    problem: Problem, solved: Solved, slopes: Array, here: Array, newton: Instrumented
+) -> tuple[Fit, float]:
     """Return the fit at an iterate with the covariance of the fixed point, and how much wider that is than (10)."""
     system, fit, weights = solved.system, solved.fit, solved.fit.weights
-    n, w = len(system.names), with_velocities(system, fit.solution).w
-    made = instrumented(np.column_stack([slopes, w[:, n:]]), w, system.y, weights)
+    n, wide = len(system.names), with_velocities(system, fit.solution)
+    made: Instrumented | None = newton
+    if wide is not system:
+        made = instrumented(np.column_stack([slopes, wide.w[:, n:]]), wide.w, system.y, weights)
     if made is None:
         raise np.linalg.LinAlgError("singular response")
     residual = system.y - system.w @ here

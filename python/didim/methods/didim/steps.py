@@ -65,13 +65,18 @@ class Step:
 
 
 def halved(
-    problem: Problem, solved: Solved, lengths: Array, most: int, scale: Callable[[float, Array], Array | None]
+    problem: Problem,
+    solved: Solved,
+    lengths: Array,
+    most: int,
+    scale: Callable[[float, Array], Array | None],
+    *,
+    may_be_last: bool,
 ) -> Iterator[tuple[Array, Iterate | Outcome]]:
     """Yield the iterates after steps of a length of each part, half of it, and so on, or how their simulation ended.
 
     Only a step that may be the last is also simulated with half the time steps; `scale` gives the factors of the gains.
     """
-    may_be_last = float(problem.changes_in_sigma(solved).max(initial=0.0)) <= problem.method.sigma_fraction
     for _ in range(most):
         x, length = solved.at(problem.shares(lengths)), float(lengths.min())
         run = problem.simulate(x, scale(length, x), may_be_last)
@@ -93,14 +98,16 @@ class SafeSteps:
     def step(self, solved: Solved) -> Step:
         """Take the longest step towards the solution with M(q) > 0 and a complete simulation."""
         problem, iterate = self.problem, solved.along
-        largest = np.array([self._largest(solved, part) for part in problem.parts])
+        changes, largest = problem.changes_in_sigma(solved), self._largest(solved)
+        may_be_last = bool(changes.max(initial=0.0) <= problem.method.sigma_fraction)
         lengths = np.zeros(len(largest))
         after: Iterate | Outcome = Outcome(SimulationStatus.DIVERGED)
-        for tried, after in halved(problem, solved, largest, MOST_HALVINGS, self._scale):
+        trials = halved(problem, solved, largest, MOST_HALVINGS, self._scale, may_be_last=may_be_last)
+        for tried, after in trials:
             if isinstance(after, Iterate):
                 lengths = tried
                 break
-        step = Step(after, lengths, problem.changes_in_sigma(solved), float(largest.min()))
+        step = Step(after, lengths, changes, float(largest.min()))
         if np.any(lengths < largest) and problem.take_small_steps():
             # With M(q) > 0 the iterate is a robot; a failed simulation then needs smaller time steps.
             again = problem.simulate(iterate.x, iterate.simulated.scale)
@@ -113,24 +120,31 @@ class SafeSteps:
         updating = self.problem.method.gain_updating == "always" and length < 1.0
         return self.problem.gain_scale(x) if updating else None
 
-    def _largest(self, solved: Solved, part: Part) -> float:
-        """Return the largest share of the step of a part with M(q) > 0 for every payload."""
+    def _largest(self, solved: Solved) -> Array:
+        """Return the largest share of the step of each part with M(q) > 0 for every payload, (n_parts,)."""
         problem, iterate, model = self.problem, solved.along, self.problem.base
-        target = iterate.x.copy()
-        target[part.indices] = solved.target[part.indices]
         groups: dict[int, list[Array]] = {}
         for window, motion in zip(problem.windows, iterate.simulated.motions, strict=True):
             groups.setdefault(-1 if model.simple else window.recording, []).append(motion[0])
-        return min(
-            safe_step(
-                problem.robot,
-                thinned(np.concatenate(q), CHECKED_POSITIONS),
-                model.standard(iterate.x, recording),
-                model.standard(target, recording),
-                problem.method.margin,
+        positions = {
+            recording: thinned(np.concatenate(q), CHECKED_POSITIONS) for recording, q in groups.items()
+        }
+
+        def largest(part: Part) -> float:
+            target = iterate.x.copy()
+            target[part.indices] = solved.target[part.indices]
+            return min(
+                safe_step(
+                    problem.robot,
+                    q,
+                    model.standard(iterate.x, recording),
+                    model.standard(target, recording),
+                    problem.method.margin,
+                )
+                for recording, q in positions.items()
             )
-            for recording, q in groups.items()
-        )
+
+        return np.array([largest(part) for part in problem.parts])
 
 
 class SecantSteps:
@@ -153,13 +167,15 @@ class SecantSteps:
         weights = np.array([solved.fit.weights[joint.start] for joint in solved.system.joints])
         cost = self._cost(iterate.simulated, weights)
         # The first motion may have used other gains, so its cost is not comparable.
-        free = (
-            iterate.simulated.scale is not None or changes.max(initial=0.0) <= problem.method.sigma_fraction
-        )
+        may_be_last = bool(changes.max(initial=0.0) <= problem.method.sigma_fraction)
+        free = iterate.simulated.scale is not None or may_be_last
         tried: list[tuple[float, float, Iterate]] = []
         ended: Iterate | Outcome | None = None
         whole = np.array([wanted])
-        for lengths, ended in halved(problem, solved, whole, FEWER_HALVINGS + 1, lambda *step: None):
+        trials = halved(
+            problem, solved, whole, FEWER_HALVINGS + 1, lambda *step: None, may_be_last=may_be_last
+        )
+        for lengths, ended in trials:
             if isinstance(ended, Iterate):
                 tried.append((self._cost(ended.simulated, weights), float(lengths[0]), ended))
                 if free or tried[-1][0] <= RISE * cost:

@@ -610,9 +610,8 @@ def joint_test(
 def _flipped(scores: Array, memory: NDArray[np.bool_], tests: int = 1) -> Array:
     """Return the probability of the scores of laws, (n_blocks, k), when the signs of blocks are flipped, (k,).
 
-    Several tests share the level, so each has as many times the patterns.
-
-    The largest score counts, of laws of memory and of others, which share the false alarms.
+    The largest score counts, of laws of memory and of others, which share the false alarms. So do several tests, each of which
+    has as many times the patterns.
     """
     if len(scores) > MOST_BLOCKS:
         scores = np.add.reduceat(scores, np.arange(MOST_BLOCKS) * len(scores) // MOST_BLOCKS, axis=0)
