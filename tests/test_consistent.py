@@ -16,9 +16,12 @@ from didim.model.dynamics import inertia_matrix
 from didim.regression.consistent.bounds import Bounds
 from didim.regression.consistent.prior import Prior, generic_prior, prior_of
 from didim.regression.consistent.problem import ConstrainedProblem
-from didim.regression.consistent.solver import Consistent
+from didim.regression.consistent.solver import CONSISTENT, Consistent, triangle_of
+from didim.regression.covariance import Branches, Factors, deletion_covariance, intervals
 from didim.studies.simulated_log import simulated_log
 from didim.terms.model import Model
+from friction_logs import coulomb, logged
+from friction_logs import robot as friction_robot
 
 pytestmark = pytest.mark.usefixtures("without_verdict")
 
@@ -180,6 +183,31 @@ def test_intervals_of_the_nearest_robot_are_students(tmp_path: Path) -> None:
     near.save(tmp_path / "near.json")
     again = didim.Identification.load(tmp_path / "near.json")
     np.testing.assert_array_equal(again.confidence_interval(0.9), (low, high))
+
+
+def test_deletions_are_those_of_the_constrained_problem() -> None:
+    """The jackknife of robots is that of solutions without each block; without the conditions it is up to twice as wide."""
+    log = logged(friction_robot("ur5e-like"), coulomb, 4001, of="ur5e-like", noise="correlated")
+    job = didim.IDIMLS(physical=True).job(log)
+    system = job.system(job.parts("fit"))
+    solver = CONSISTENT.for_model(job.model)
+    fit, problem = solver(system, job.settings), solver.on(system)
+    assert fit.precision is not None
+    a, y = system.w * fit.weights[:, None], system.y * fit.weights
+    blocks = [part.rows for part in intervals(system.blocks, 20)]
+    true = []
+    for rows in blocks:
+        kept = np.setdiff1d(np.arange(len(y)), rows)
+        solved = problem.solve(*triangle_of(a[kept], y[kept]))
+        true.append(problem.matrix @ solved.x - fit.solution)
+    expected = np.sqrt(np.diag(deletion_covariance(np.array(true))))
+    residual = fit.residual * fit.weights
+    held = Factors.held(a, residual, fit.precision).jackknife(blocks)
+    free = Branches.of(system, fit.weights, fit.residual).jackknife(blocks)
+    ratio, wide = (np.sqrt(np.diag(each.covariance)) / expected for each in (held, free))
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
+    assert np.percentile(np.abs(np.log(ratio)), 90) < 0.1
+    assert np.percentile(wide, 95) > 2.0
 
 
 def test_further_friction_terms_only_dissipate() -> None:

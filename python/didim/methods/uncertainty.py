@@ -97,7 +97,11 @@ def spread_of_fit(
     velocities: tuple[str, ...] = ()
     if factors is None:
         wider = system.with_velocities(fit.solution)
-        factors = Branches.of(wider, fit.weights, fit.residual)
+        factors = (
+            Branches.of(wider, fit.weights, fit.residual)
+            if fit.precision is None
+            else Factors.held(wider.w * fit.weights[:, None], fit.residual * fit.weights, fit.precision)
+        )
         velocities = wider.names[len(system.names) :]
         if velocities:
             noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)

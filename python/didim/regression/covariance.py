@@ -195,6 +195,23 @@ class Factors:
         inverse = np.linalg.solve(triangle, np.eye(a.shape[1])) / size[:, None]
         return cls(left, left, inverse, residual)
 
+    @classmethod
+    def held(cls, a: Array, residual: Array, precision: Array) -> Factors:
+        """Return the factors of an estimate that a prior or constraints hold with a precision, (k, k), in the first k columns.
+
+        Without block i it moves by ``-(A^T A + P - A_i^T A_i)^-1 A_i^T rho_i``: with ``A^T A + P = S^-T S^-1`` the factors are
+        ``A S`` and S. ``test_consistent.py`` solves the constrained problem again without each block.
+        """
+        unit, size = unit_columns(a)
+        information = unit.T @ unit
+        k = len(precision)
+        information[:k, :k] += precision / np.outer(size[:k], size[:k])
+        values, vectors = np.linalg.eigh(information)
+        known = values > np.finfo(float).eps * values[-1]
+        root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
+        left = unit @ root
+        return cls(left, left, root / size[:, None], residual)
+
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
         """Compute the estimates without each block, from the factors of the whole system.
 

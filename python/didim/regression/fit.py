@@ -37,6 +37,9 @@ class Fit:
         False for iterations that ended before convergence.
     factors : Factors, Branches or None
         Weighted factors for the jackknife's deletions; None for those of least squares with `weights`.
+    precision : ndarray, shape (b, b), or None
+        What a prior and constraints add to the information ``A^T A`` of the weighted rows, with which the deletions are held; None
+        without any.
     standard : ndarray, shape (p,), or None
         Standard parameters of a physically consistent solution; None if the solver only has base parameters.
     remarks : tuple of str
@@ -53,6 +56,7 @@ class Fit:
     stopped: bool = False
     converged: bool = True
     factors: Factors | Branches | None = None
+    precision: Array | None = None
     standard: Array | None = None
     remarks: tuple[str, ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)

@@ -135,7 +135,9 @@ class ConsistentSolver:
                 break
             sigma = joint_sigma(system, residual)
         weights = scale if weighted else np.ones(len(scale))
-        inverse = _inverse(triangle, problem, constrained.x) * (1.0 if weighted else float(scale[0]))
+        inverse, precision = _inverse(triangle, problem, constrained.x)
+        if not weighted:
+            inverse, precision = inverse * scale[0], precision / scale[0] ** 2
         nearest = _plain(triangle, right)
         off = triangle @ nearest - right
         singular = np.linalg.svd(unweighted, compute_uv=False)
@@ -144,6 +146,7 @@ class ConsistentSolver:
             covariance=covariance(system, settings, weights, residual, inverse),
             residual=residual,
             weights=weights,
+            precision=precision,
             condition_number=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf"),
             stopped=bool(stopped),
             converged=constrained.ending == "solved",
@@ -191,18 +194,18 @@ def triangle_of(w: Array, y: Array) -> tuple[Array, Array]:
     return np.ascontiguousarray(triangle[:n, :n]), np.ascontiguousarray(triangle[:n, n])
 
 
-def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
-    """Return ``R^-1``, completed by the prior for combinations that the log does not identify."""
-    if triangle.shape[0] == triangle.shape[1]:
-        singular = np.linalg.svd(unit_columns(triangle)[0], compute_uv=False)
-        if singular[-1] > UNIDENTIFIED_SINGULAR_VALUE * singular[0]:
-            return np.asarray(np.linalg.inv(triangle))
-    # Covariance of the standard parameters by log and prior together, seen in the base parameters.
+def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> tuple[Array, Array]:
+    """Return a root of the covariance of log, prior and constraints together, and the precision that the two add to the log's.
+
+    Both are of the base parameters, (n, n), for rows of unit noise: the covariance of the standard parameters, by the curvature of
+    the problem at its solution, is seen in the base parameters. `triangle` is the R of the weighted rows.
+    """
     a = triangle @ problem.matrix
-    hessian = a.T @ a + problem.marginal(x)
-    spread = problem.matrix @ np.linalg.pinv(hessian, hermitian=True) @ problem.matrix.T
+    spread = problem.matrix @ np.linalg.pinv(a.T @ a + problem.marginal(x), hermitian=True) @ problem.matrix.T
     values, vectors = np.linalg.eigh(spread)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    values = np.maximum(values, 0.0)
+    added, turned = np.linalg.eigh(np.linalg.pinv(spread, hermitian=True) - triangle.T @ triangle)
+    return np.asarray(vectors * np.sqrt(values)), np.asarray((turned * np.maximum(added, 0.0)) @ turned.T)
 
 
 def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, Any]:
