@@ -51,6 +51,15 @@ def test_what_a_page_names_exists(page: Path) -> None:
             assert function in functions(ROOT / file), f"{file}::{function}"
 
 
+def test_the_changelog_has_one_short_line_a_change() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert [line for line in text.splitlines() if len(line) > 120] == []
+    assert len(text.encode()) <= 15_000
+    headings = re.findall(r"^## \[(.*?)\]", text, flags=re.MULTILINE)
+    assert headings[0] == "Unreleased"
+    assert didim.__version__ in headings
+
+
 def test_the_gallery_draws_what_its_blocks_draw() -> None:
     gallery = script(ROOT / "docs" / "hooks" / "gallery.py")
     page = "```python\nfrom didim.plot.style import new_figure\n```\n\n```python\nfigure = new_figure(1.0)\n```\ntext"
