@@ -1,4 +1,4 @@
-"""Tables of docs/benchmark.md, from the figures of the study in docs/benchmark.csv.
+"""Tables of docs/choose.md, from the figures of the study in docs/benchmark.csv.
 
     didim study examples/study_tx40.toml -o study_tx40.jsonl --quiet --format csv > docs/benchmark.csv
     python benches/benchmark_page.py docs/benchmark.csv
@@ -57,16 +57,9 @@ def coverage(row: Row) -> str:
     return f"{100.0 * float(row['coverage']):.0f} ± {half:.0f}"
 
 
-def runs(row: Row) -> str:
-    """Runs, and how many of them did not converge or failed."""
-    still, failed = int(row["not_converged"]), int(row["failed"])
-    notes = [f"{still} open"] * (still > 0) + [f"{failed} failed"] * (failed > 0)
-    return row["runs"] + (f" ({', '.join(notes)})" if notes else "")
-
-
 def tables(rows: list[Row]) -> list[str]:
     """The tables of the page, in order."""
-    return [table(rows, torque_error), table(rows, coverage), table(rows, runs)]
+    return [table(rows, torque_error), table(rows, coverage)]
 
 
 if __name__ == "__main__":
