@@ -3,8 +3,8 @@
     didim study examples/study_tx40.toml -o study_tx40.jsonl --quiet --format csv > docs/benchmark.csv
     python benches/benchmark_page.py docs/benchmark.csv
 
-prints them in markdown. The median torque error on another motion and the coverage of the 95 % intervals are those of the study,
-and so are the numbers of runs. Tested in ``tests/test_benchmark_page.py``.
+prints them in markdown. The median torque error on another motion and the coverage of the 95 % intervals are those of the study.
+Tested in ``tests/test_benchmark_page.py``.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ def read(path: Path) -> list[Row]:
         return list(csv.DictReader(file))
 
 
-def table(rows: list[Row], cell: Callable[[Row], str]) -> str:
+def table(rows: list[Row], cell: Callable[[Row], str], what: str) -> str:
     """One line for each scenario, one column for each method."""
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    lines = ["| scenario | " + " | ".join(methods) + " |", "|---" + "|---:" * len(methods) + "|"]
+    lines = [f"| {what} | " + " | ".join(methods) + " |", "|---" + "|---:" * len(methods) + "|"]
     for scenario in dict.fromkeys(row["scenario"] for row in rows):
         cells = {row["method"]: cell(row) for row in rows if row["scenario"] == scenario}
         lines.append("| " + " | ".join([scenario, *(cells.get(method, "") for method in methods)]) + " |")
@@ -59,7 +59,7 @@ def coverage(row: Row) -> str:
 
 def tables(rows: list[Row]) -> list[str]:
     """The tables of the page, in order."""
-    return [table(rows, torque_error), table(rows, coverage)]
+    return [table(rows, torque_error, "torque error, %"), table(rows, coverage, "coverage, %")]
 
 
 if __name__ == "__main__":
