@@ -154,14 +154,23 @@ def test_the_page_on_the_api_has_every_public_name() -> None:
             assert hasattr(thing, member), f"{path}.{member}"
 
 
-def test_the_home_page_and_the_menu_name_every_page() -> None:
-    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").glob("*.md")}
-    assert pages - {"index.md"} == {
-        link for link in re.findall(r"\]\(([^)]+\.md)\)", text) if "/" not in link
+def test_the_home_page_and_the_menu_have_every_page_by_its_title() -> None:
+    folder = ROOT / "docs"
+    titles = {
+        page.relative_to(folder).as_posix(): page.read_text(encoding="utf-8").partition("\n")[0].strip("# `")
+        for page in folder.rglob("*.md")
     }
-    assert pages == set(re.findall(r": (\w+\.md)$", menu, flags=re.MULTILINE))
+    titles["index.md"] = "Home"
+    assert len(titles) <= 32
+    menu = re.findall(r'- "?(.*?)"?: (\S+\.md)$', (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.M)
+    assert {place: title for title, place in menu} == {
+        place: title.replace("`", "") for place, title in titles.items()
+    }
+    home = re.findall(
+        r"^\| \[(.*?)\]\(([^)]+\.md)\) \|", (folder / "index.md").read_text(encoding="utf-8"), flags=re.M
+    )
+    rows = {place: title.replace("`", "") for title, place in home}
+    assert {**rows, "index.md": "Home"} == {place: title for title, place in menu}
 
 
 def test_the_tables_of_methods_are_that_of_the_package() -> None:
