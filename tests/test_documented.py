@@ -44,7 +44,7 @@ MORE = "fit.history[k].more meaning"
 
 
 def tables(path: Path) -> dict[str, list[Row]]:
-    """Tables of a page by their first three headings, rows without the heading."""
+    """Tables of a page by their first three headings, rows without the heading; of equal ones the later has an apostrophe."""
     found: dict[str, list[Row]] = {}
     rows: list[Row] | None = None
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -54,7 +54,8 @@ def tables(path: Path) -> dict[str, list[Row]]:
         cells = [cell.strip().strip("`") for cell in line.strip("|").split("|")]
         if rows is None:
             key = " ".join(cells[:3])
-            assert key not in found
+            while key in found:  # another table with the same head
+                key += "'"
             rows = found[key] = []
         elif not set(line) <= set("|-"):
             rows.append(cells)
