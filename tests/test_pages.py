@@ -162,7 +162,9 @@ def test_the_home_page_and_the_menu_have_every_page_by_its_title() -> None:
     }
     titles["index.md"] = "Home"
     assert len(titles) <= 32
-    menu = re.findall(r'- "?(.*?)"?: (\S+\.md)$', (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.M)
+    menu = re.findall(
+        r'- "?(.*?)"?: (\S+\.md)$', (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.M
+    )
     assert {place: title for title, place in menu} == {
         place: title.replace("`", "") for place, title in titles.items()
     }
