@@ -34,8 +34,8 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     from didim.report.page import PICTURE_STYLE
 
     text, end = "", 0
-    before, _, gallery = markdown.partition(HEADING)
+    before, heading, gallery = markdown.partition(HEADING)
     for place, html in drawn(gallery):
         text += f"{gallery[end:place]}\n\n{html}"
         end = place
-    return f"{before}{HEADING}{text}{gallery[end:]}\n\n<style>\n{PICTURE_STYLE}</style>\n"
+    return f"{before}{heading}{text}{gallery[end:]}\n\n<style>\n{PICTURE_STYLE}</style>\n"
