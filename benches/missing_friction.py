@@ -29,6 +29,8 @@ import didim
 from didim.experiment.specs import SimulationSettings
 from didim.loop.reference import Reference
 from didim.methods.method import Method
+from didim.regression.friction.alarm import SHARES
+from didim.result.identification import Identification
 from didim.robot.friction import FrictionTerm
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from friction_logs import (
@@ -62,6 +64,12 @@ CASES: dict[str, tuple[Law, dict[str, Any]]] = {
     "load 0.08": (load(0.08), {}),
     "LuGre, Stribeck 0.3 Fc": (lugre(2e-2), {}),
 }
+STEADY = {
+    "memory, 2e-3 rad": coulomb,
+    "memory, 2e-2 rad": coulomb,
+    "LuGre, Stribeck 0.3 Fc": stribeck(0.3),
+}
+"""Laws of steady sliding where they differ: memory has the sign of the motion."""
 CHOSEN: dict[str, tuple[str, dict[str, float]]] = {
     "right, white noise": ("", {}),
     "Stribeck 0.2 Fc": ("curve", {"Fs": 0.2}),
@@ -102,12 +110,16 @@ def main() -> None:
     if given.choice:
         choose(given)
         return
-    print(f"{'':36}{'logs':>5}{'alarms':>9}{'95 % before':>13}{'after':>8}{'width':>7}  named")
+    print(
+        f"{'':36}{'logs':>5}{'alarms':>9}{'95 % before':>13}{'after':>8}{'width':>7}"
+        f"{'F(v) before':>13}{'after':>8}{'half width':>12}  named"
+    )
     for arm, name in itertools.product(given.arms or ["planar2"], CASES):
         law, settings = CASES[name]
         if given.only and not any(word in name for word in given.only):
             continue
         alarms, before, after, width = [], [], [], []
+        at_speeds: list[tuple[bool, bool, float]] = []
         names: Counter[str] = Counter()
         for motion in range(given.motions):
             for seed in range(given.seeds):
@@ -123,12 +135,46 @@ def main() -> None:
                 before.append(error <= factor * plain)
                 after.append(error <= factor * fit.std)
                 width.append(np.median(fit.std / plain))
+                at_speeds += friction_at_speeds(arm, STEADY.get(name, law), log, fit)
         found = ", ".join(f"{law} {count}" for law, count in names.most_common() if count)
         print(
             f"{arm + ', ' + name:36}{len(alarms):5d}{100 * np.mean(alarms):7.1f} %{100 * np.mean(before):11.1f} %"
-            f"{100 * np.mean(after):6.1f} %{np.median(width):7.2f}  {found}",
+            f"{100 * np.mean(after):6.1f} %{np.median(width):7.2f}"
+            f"{100 * np.mean([each[0] for each in at_speeds]):11.1f} %{100 * np.mean([each[1] for each in at_speeds]):6.1f} %"
+            f"{100 * np.median([each[2] for each in at_speeds]):10.1f} %  {found}",
             flush=True,
         )
+
+
+def friction_at_speeds(
+    arm: str, law: Law, log: didim.Experiment, fit: Identification
+) -> list[tuple[bool, bool, float]]:
+    """Return whether friction at speeds is inside its interval without bias and with it, and half the width over the friction.
+
+    The speeds are the 10th, 50th and 90th percentiles of each joint's in the log; `law` is that of steady sliding.
+    """
+    (recording,) = log.recordings
+    moving = np.abs(np.gradient(recording.measured_positions(), 1.0 / recording.rate_hz, axis=0))
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    unbiased = replace(fit.uncertainty.friction, missing=())
+    noise = replace(fit, uncertainty=replace(fit.uncertainty, friction=unbiased))
+    found = []
+    for joint, speeds in enumerate(moving.T):
+        v = np.percentile(speeds[speeds > 0.0], SHARES)
+        dq = np.zeros((len(v), len(moving.T)))
+        dq[:, joint] = v
+        load = np.tile(fit.uncertainty.load, (len(v), 1))
+        still = np.zeros_like(dq)
+        both = [
+            didim.inverse_dynamics(robot(arm), still, way * dq, still, subject(arm).x) for way in (1.0, -1.0)
+        ]
+        true = (0.5 * (both[0] - both[1]) + law(still, dq, load, subject(arm).fc))[:, joint]
+        before, after = noise.friction_at(joint, v), fit.friction_at(joint, v)
+        inside = [(np.array(each.low) <= true) & (true <= np.array(each.high)) for each in (before, after)]
+        half = 0.5 * np.subtract(after.high, after.low) / true
+        found += list(zip(*(part.tolist() for part in (*inside, half)), strict=True))
+    return found
 
 
 def closed_loop_log(arm: str, share: float, seed: int) -> tuple[didim.Experiment, Any]:

@@ -313,10 +313,17 @@ PYTHON = (
         "tests/test_turning_points_of_positions.py",
     ),
     Mutation(
-        "a law with more columns is named as easily",
+        "friction at speeds moves without the law that is missing",
         "python/didim/regression/friction/alarm.py",
-        " + int(independent.sum()) * np.log(n_rows)",
-        "",
+        "bias, errors = bias + law.amount * unit, errors + np.outer(law.by_block, unit)",
+        "bias, errors = bias, errors",
+        "tests/test_friction_exchange.py",
+    ),
+    Mutation(
+        "a bias is a deviation: its square is added",
+        "python/didim/regression/friction/alarm.py",
+        "size = quotient(np.abs(bias), std)",
+        "size = 0.5 * quotient(np.abs(bias), std)",
         "tests/test_friction_alarm.py",
     ),
     Mutation(

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import didim
-import didim.regression.friction.alarm as of_residual
 from didim.regression.friction.alarm import (
     LEVEL,
     FrictionAlarm,
-    LawColumns,
     _Whitening,
     autoregression,
+    bounded,
     joint_test,
-    laws_to_test,
 )
 from didim.result.identification import Identification
 from didim.robot.friction import FrictionTerm
@@ -72,11 +69,12 @@ def test_a_missing_law_is_seen_and_its_shift_is_in_the_intervals(law: Law, names
         found = alarm(fit)
         assert found.raised, found.p_value
         assert found.law in names
+        assert {law.law for law in found.missing} <= names
         error = np.abs(fit.beta - truth())
         assert fit.uncertainty is not None
         factor = fit.uncertainty.factor(0.95)
         inside.append(error <= factor * fit.std)
-        before.append(error <= factor * np.sqrt(fit.std**2 - found.shift**2))
+        before.append(error <= factor * fit.uncertainty.noise)
     assert np.mean(inside) >= 0.9
     assert np.mean(before) < np.mean(inside)
 
@@ -115,22 +113,16 @@ def test_an_autoregression_whitens_what_it_made() -> None:
     np.testing.assert_allclose(rest[2:3000], white[2:3000], atol=0.3)
 
 
-def test_a_law_with_more_columns_must_explain_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two with the same column the simpler one is named, though one of noise beside it always explains a little."""
-
-    @dataclass(frozen=True)
-    class WithNoise(LawColumns):
-        def start(self, *given: object) -> np.ndarray:
-            return np.random.default_rng(0).standard_normal(self.columns.shape)
-
-    def twice(*given: Any) -> list[LawColumns]:
-        (law, *_) = [law for law in laws_to_test(*given) if law.family == "stribeck"]
-        return [law, WithNoise("dahl", law.columns, law.amplitude)]
-
-    monkeypatch.setattr(of_residual, "laws_to_test", twice)
-    found = alarm(fitted(stribeck(0.2), 500))
-    assert found.raised
-    assert found.law == "stribeck"
+def test_intervals_hold_with_every_bias_up_to_a_bound() -> None:
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(400_000)
+    for bias in (0.0, 0.3, 1.0, 2.5, 9.0):
+        half = 1.96 * float(bounded(np.array([1.0]), np.array([bias]))[0])
+        assert np.mean(np.abs(noise + bias) <= half) == pytest.approx(0.95, abs=0.002)
+        assert np.mean(np.abs(noise + 0.5 * bias) <= half) >= 0.948
+    scaled = bounded(np.array([2.0, 0.0]), np.array([-1.0, 3.0]))
+    np.testing.assert_allclose(scaled[0], 2.0 * bounded(np.array([1.0]), np.array([0.5]))[0], rtol=1e-12)
+    assert scaled[1] == 0.0  # without a deviation nothing is known
 
 
 def test_a_coarse_encoder_is_not_tested_for_memory() -> None:
@@ -209,8 +201,7 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
         # The refits weigh joints by their own residuals.
         assert moved == pytest.approx(expected, rel=0.01, abs=0.05 * white), name
     assert fit.uncertainty is not None
-    noise = fit.uncertainty.without_shift(fit.std)
-    np.testing.assert_allclose(fit.std**2, noise**2 + shift**2, rtol=1e-10)
+    np.testing.assert_allclose(fit.std, bounded(fit.uncertainty.noise, shift), rtol=1e-10)
 
 
 @pytest.mark.slow

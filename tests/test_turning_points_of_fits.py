@@ -34,7 +34,7 @@ from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
 from didim.regression.consistent.problem import ConstrainedProblem
 from didim.regression.covariance import Factors
-from didim.regression.friction.alarm import _freed, friction_alarm
+from didim.regression.friction.alarm import Along, _freed, friction_alarm
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.settings import LeastSquaresSettings
@@ -320,7 +320,15 @@ def test_a_missing_law_is_looked_for_in_eight_blocks(
         module + "joint_test", lambda columns, *facts: (0.25 * np.ones(columns.shape[1]), 0.0)
     )
     found = friction_alarm(
-        system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
+        system,
+        solve(system, job.settings),
+        Along(
+            robot=robot,
+            x=parameters(robot),
+            parts=parts,
+            signal=job.signal,
+            load=[part.tau for part in parts],
+        ),
     )
     assert found.p_value.tolist() == [0.5 if tested else 1.0] * 2
 

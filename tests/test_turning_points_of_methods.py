@@ -37,7 +37,7 @@ from didim.regression.consistent.diagnosis import diagnosis
 from didim.regression.consistent.prior import generic_prior, prior_near
 from didim.regression.covariance import Jackknife, autocorrelated, intervals
 from didim.regression.delay import _shared
-from didim.regression.friction.alarm import FrictionAlarm, joint_test, laws_to_test
+from didim.regression.friction.alarm import Along, FrictionAlarm, joint_test, laws_to_test
 from didim.regression.friction.screen import Folds
 from didim.regression.logs.body import _inside
 from didim.regression.logs.load import Load
@@ -268,7 +268,15 @@ def test_memory_is_tested_with_twenty_steps_of_the_encoder(robot: str, step: flo
     n = arm.n_dof
     motion = np.sin(np.arange(100.0)[:, None] * 0.1) * np.ones(n)
     part = stub(q=motion, dq=motion, ddq=motion, place="here")
-    found = laws_to_test(arm, [part], SignalProcessing(edge_rows=0), [motion], np.full(n, step))
+    along = Along(
+        robot=arm,
+        x=np.zeros(len(arm.parameter_names)),
+        parts=[part],
+        signal=SignalProcessing(edge_rows=0),
+        load=[motion],
+        encoder_step=np.full(n, step),
+    )
+    found = laws_to_test(along)
     assert any(item.family == "dahl" for item in found) == tested
 
 

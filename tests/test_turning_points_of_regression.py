@@ -175,7 +175,15 @@ def test_signs_of_twenty_stretches_of_time_are_flipped(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(alarm, "joint_test", tested)
     alarm.friction_alarm(
-        system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
+        system,
+        solve(system, job.settings),
+        alarm.Along(
+            robot=robot,
+            x=parameters(robot),
+            parts=parts,
+            signal=job.signal,
+            load=[part.tau for part in parts],
+        ),
     )
     assert counts == [20, 20]
 

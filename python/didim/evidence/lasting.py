@@ -16,6 +16,7 @@ import numpy as np
 from .._tools.arrays import Array, quotient
 from ..model.dynamics import rigid_torque
 from ..regression.delay import DelayEstimate
+from ..regression.friction.alarm import FrictionAlarm
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from .products import Judged
@@ -25,6 +26,7 @@ from .thresholds import (
     DELAY_DOUBTFUL,
     DELAY_WRONG,
     FRICTION_D,
+    FRICTION_EFFECT,
     FRICTION_SHIFT,
     NAMED,
     SMALLEST_SAMPLES,
@@ -73,6 +75,7 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
             float(shift.max(initial=0.0)),
             rows,
             included=fit.uncertainty.kind == "jackknife",
+            laws=_by_law(alarm),
         )
     trials = []
     for law, columns in laws(rows):
@@ -80,7 +83,9 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
             continue
         judged = rows.with_columns(columns).judged()
         d = judged.against(rows.declared)
-        if d <= FRICTION_D and judged.better_blocks(rows.declared) >= BLOCKS_BETTER:
+        explained = rows.declared.unseen.sum(axis=1) - judged.unseen.sum(axis=1)
+        seen = (explained > FRICTION_EFFECT**2 * np.sum(np.square(rows.y), axis=1)).any()
+        if seen and d <= FRICTION_D and judged.better_blocks(rows.declared) >= BLOCKS_BETTER:
             trials.append((d, law, judged))
     if not trials:
         return []
@@ -91,7 +96,24 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
     return _missing(law, [int(j) + 1 for j in joints], float(shift.max()), rows, included=False)
 
 
-def _missing(law: str, joints: list[int], shift: float, rows: LogRows, *, included: bool) -> list[Finding]:
+def _by_law(alarm: FrictionAlarm) -> dict[str, list[int]]:
+    """Return the joints that alarm, from 1, by the law that each has."""
+    found: dict[str, list[int]] = {}
+    for each in alarm.missing:
+        if each.joint in alarm.joints:
+            found.setdefault(each.law, []).append(each.joint + 1)
+    return found
+
+
+def _missing(
+    law: str,
+    joints: list[int],
+    shift: float,
+    rows: LogRows,
+    *,
+    included: bool,
+    laws: dict[str, list[int]] | None = None,
+) -> list[Finding]:
     key, value = ("model", "asymmetric") if law == "asymmetric" else ("terms", "auto")
     return [
         Finding(
@@ -100,7 +122,12 @@ def _missing(law: str, joints: list[int], shift: float, rows: LogRows, *, includ
             joints=tuple(joints),
             effect=shift,
             remedy=Remedy(file="experiment", table="[friction]", key=key, action="set", value=value),
-            facts={"law": law, "smooth": rows.robot.friction.coulomb == "tanh", "included": included},
+            facts={
+                "law": law,
+                "laws": laws or {law: joints},
+                "smooth": rows.robot.friction.coulomb == "tanh",
+                "included": included,
+            },
         )
     ]
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient, rms
+from .._tools.arrays import Array, rms
 from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
+from ..model.memory import instantaneous
+from ..regression.friction.velocity import slope_at
 from ..result.finding import Finding
 from ..result.identification import Identification
 from ..result.sentences import percent
@@ -91,18 +93,29 @@ def spread_of(robot: Robot, fit: Identification, q: Array, dq: Array, ddq: Array
     """Return the torques of a result along states, and their standard deviations."""
     w = regressor(robot, q, dq, ddq, x=fit.parameters)[:, :, list(robot.base_parameters.indices)]
     torque = w @ fit.beta
-    variance = np.sum((w @ noise_covariance(fit)) * w, axis=2)
+    covariance, open_ = fit.covariance, w
+    if fit.uncertainty is not None:
+        covariance = fit.uncertainty.noise_covariance(fit.covariance, fit.std)
+        open_ = np.concatenate([w, _velocity_columns(robot, fit, dq)], axis=2)
+    variance = np.sum((open_ @ covariance) * open_, axis=2)
     bodies = w @ np.where([name.startswith(DRIVES) for name in fit.names], 0.0, fit.beta)
     squares = (torque**2, variance, bodies**2)
     return Spread(*(float(np.sqrt(np.mean(np.maximum(values, 0.0)))) for values in squares))
 
 
-def noise_covariance(fit: Identification) -> Array:
-    """Return the covariance of noise alone, (b, b): the shift of friction that the model lacks is in what is missed already."""
-    if fit.uncertainty is None:
-        return fit.covariance
-    share = quotient(fit.uncertainty.without_shift(fit.std), fit.std, 1.0)
-    return np.asarray(fit.covariance * np.outer(share, share))
+def _velocity_columns(robot: Robot, fit: Identification, dq: Array) -> Array:
+    """Return the derivative of the torque by the estimated velocities of friction laws along states, (k, n, v)."""
+    assert fit.uncertainty is not None
+    terms = {term.parameter: term for term in robot.friction.terms}
+    values = dict(zip(fit.names, fit.beta, strict=True))
+    columns = np.zeros((*dq.shape, len(fit.uncertainty.velocities)))
+    signs = instantaneous(robot, dq)
+    for k, name in enumerate(fit.uncertainty.velocities):
+        j = terms[name].joint
+        columns[:, j, k] = values[name] * slope_at(
+            terms[name].law, dq[:, j], signs[:, j], terms[name].velocity
+        )
+    return columns
 
 
 def uses_of(

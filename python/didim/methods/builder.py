@@ -21,7 +21,7 @@ from ..experiment.loop import recordings_of
 from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
-from ..regression.friction.alarm import friction_alarm, sampling_errors
+from ..regression.friction.alarm import Along, friction_alarm, sampling_errors
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
 from ..regression.solver import solver_name
@@ -36,7 +36,7 @@ from ..signal.window import Window
 from ..terms.rows import LinearSystem
 from .job import Delay, Job
 from .method import Described
-from .uncertainty import Spread, position_shift, spread_of_fit, with_exchanges, with_shifts
+from .uncertainty import Spread, position_shift, spread_of_fit, with_model_errors
 
 CLEAR_MASS = 3.0
 """Mass of a load, in its standard deviations, below which the finding is a note only: 0.05 +- 0.04 kg need not be declared."""
@@ -196,6 +196,7 @@ def _split(
             std_white=uncertainty.std_white[:b],
             deletions=uncertainty.deletions[:, :b],
             positions=uncertainty.positions[:b],
+            noise=uncertainty.noise[:b],
             single_block={key: value for key, value in uncertainty.single_block.items() if key in names},
         )
     used = {recording.payload for recording in job.experiment.recordings}
@@ -256,7 +257,7 @@ def fitted(
 def _with_model_errors(
     run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Window], spread: Spread
 ) -> Spread:
-    """Return a spread with the shifts by missing friction and errors of positions, and the friction of parameters that exchange."""
+    """Return a spread with the bias by missing friction, errors of positions, and friction at speeds."""
     job, recordings = run.job, run.job.experiment.recordings
     # Simulated motion has no encoders.
     numbers = {part.recording for part in parts} if run.method.motion == "measured" else ()
@@ -267,12 +268,18 @@ def _with_model_errors(
         rigid_torque(job.robot, part.q, part.dq, part.ddq, values)
         for part, values in zip(parts, standard, strict=True)
     ]
-    errors = sampling_errors(job.robot, parts, standard, load) if steps else []
-    step = np.max(list(steps.values()), axis=0) if steps else None
-    alarm = friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
+    along = Along(
+        robot=job.robot,
+        x=x[: len(job.robot.parameter_names)],
+        parts=parts,
+        signal=job.signal,
+        load=load,
+        encoder_step=np.max(list(steps.values()), axis=0) if steps else None,
+        errors=sampling_errors(job.robot, parts, standard, load) if steps else [],
+    )
+    alarm = friction_alarm(system, fit, along)
     moved = position_shift(job, system, fit, parts, steps)
-    spread = with_shifts(spread, alarm, moved, job.model.unknowns)
-    return with_exchanges(spread, job.robot, parts, load, x, system.names)
+    return with_model_errors(spread, alarm, moved, along, job.model, system.names)
 
 
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:

@@ -28,14 +28,14 @@ from .._tools.words import counted
 from ..model.dynamics import inverse_dynamics
 from ..regression.covariance import Branches, Factors, covariance, independent, intervals, rescaled
 from ..regression.fit import Fit
-from ..regression.friction.alarm import FrictionAlarm, exchanges
+from ..regression.friction.alarm import Along, FrictionAlarm, Sliding, bounded
 from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
-from ..robot.robot import Robot
 from ..signal.filters import derivatives, differentiate
 from ..signal.noise import white_noise
 from ..signal.steps import between_steps, smoothed
 from ..signal.window import Window
+from ..terms.model import Model
 from ..terms.rows import Block, LinearSystem, unit_columns
 from ..terms.unknown import Unknowns
 from .job import Job
@@ -96,7 +96,7 @@ def spread_of_fit(
     noise = fit.covariance
     velocities: tuple[str, ...] = ()
     if factors is None:
-        wider = with_velocities(system, fit.solution)
+        wider = system.with_velocities(fit.solution)
         factors = Branches.of(wider, fit.weights, fit.residual)
         velocities = wider.names[len(system.names) :]
         if velocities:
@@ -105,20 +105,6 @@ def spread_of_fit(
     known: Kind = "decimated" if coloured and settings.uncertainty != "white" else "white"
     spread = spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
     return replace(spread, velocities=velocities)
-
-
-def with_velocities(system: LinearSystem, solution: Array) -> LinearSystem:
-    """Return a system with a further column for the estimated velocity of each friction law, of the name of its parameter.
-
-    The velocities were estimated too. With their columns in the system, the variances of the parameters include the uncertainty
-    of the velocities. A law with a parameter of zero has no column.
-    """
-    if not system.slopes:
-        return system
-    values = {name: float(solution[system.names.index(name)]) for name in system.slopes}
-    columns = {name: values[name] * slope for name, slope in system.slopes.items()}
-    columns = {name: column for name, column in columns.items() if column.any()}
-    return replace(system, w=np.column_stack([system.w, *columns.values()]), names=(*system.names, *columns))
 
 
 def spread_of_factors(
@@ -174,6 +160,9 @@ def spread_of_factors(
     several = _with_single_blocks(np.diag(longer.covariance), np.diag(every.covariance), longer.decisive)
     variances = _with_single_blocks(several[:n], np.diag(covariance), decisive)
     fewer = len(longer.deletions)
+    every_column = (
+        rescaled(wide, np.concatenate([variances, several[n:]])) if len(wide) == len(several) else wide
+    )
     return Spread(
         rescaled(covariance, variances),
         Uncertainty(
@@ -187,7 +176,7 @@ def spread_of_factors(
             },
         ),
         tuple(_remarks(rows, columns, settings.blocks, len(parts), fewer)),
-        longer.covariance,
+        every_column,
     )
 
 
@@ -210,37 +199,75 @@ def _with_single_blocks(several: Array, other: Array, decisive: NDArray[np.intp]
     return np.where(decisive < 0, several, usual * other)
 
 
-def with_shifts(spread: Spread, alarm: FrictionAlarm, positions: Array, selection: Unknowns) -> Spread:
+def with_model_errors(
+    spread: Spread, alarm: FrictionAlarm, positions: Array, along: Along, model: Model, names: Sequence[str]
+) -> Spread:
     """Return a spread that includes missing friction, what a choice of laws left open, and errors of positions.
 
-    It is ``s^2 = s_jackknife^2 + alarm.shift^2 + positions^2`` with unchanged correlations. Other kinds of uncertainty were
-    requested explicitly and do not change. `positions` are the changes of the estimated parameters, (n_estimated,).
+    Noise of variance ``s^2 = s_jackknife^2 + positions^2``, and that of the bias, has intervals that hold with every bias up to
+    ``alarm.shift`` (see `bounded`), with unchanged correlations. Other kinds of uncertainty were requested explicitly and do not
+    change. Joints whose parameters of friction do not say their friction have it at speeds (`Sliding.where_open`).
+
+    Parameters
+    ----------
+    spread : Spread
+        Spread by noise.
+    alarm : FrictionAlarm
+        Friction that the model lacks.
+    positions : ndarray, shape (n_estimated,)
+        Changes of the estimated parameters by errors of positions.
+    along : Along
+        Motion of the fit.
+    model : Model
+        Its model.
+    names : sequence of str
+        Estimated unknowns.
     """
     if spread.uncertainty is None:
         return spread
-    shifts = selection.among_all(np.stack([alarm.shift, positions]))
-    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shifts[0]), positions=shifts[1])
-    if uncertainty.kind != "jackknife" or not shifts.any():
-        return replace(spread, uncertainty=uncertainty)
-    variances = np.diag(spread.covariance) + alarm.shift**2 + positions**2
-    return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))
+    unknowns, n, b = model.unknowns, len(names), model.n_base
+    noise = np.sqrt(np.diag(spread.covariance))
+    of_all = unknowns.among_all(np.stack([alarm.shift, positions, noise]))
+    wide = len(spread.wide) == n + len(spread.velocities)
 
+    def of_robot(rows: Array) -> Array:
+        """Return rows of the estimated unknowns and the velocities for the b base parameters and the velocities."""
+        return np.hstack([unknowns.among_all(rows[:, :n])[:, :b], rows[:, n:]])
 
-def with_exchanges(
-    spread: Spread,
-    robot: Robot,
-    parts: Sequence[Window],
-    load: Sequence[Array],
-    x: Array,
-    names: Sequence[str],
-) -> Spread:
-    """Return a spread with the friction at speeds of joints whose parameters exchange; see `exchanges`."""
-    if spread.uncertainty is None or len(spread.wide) != len(names) + len(spread.velocities):
-        return spread
-    exchanged = exchanges(
-        robot, parts, load, x[: len(robot.parameter_names)], names, spread.velocities, spread.wide
+    uncertainty = replace(
+        spread.uncertainty,
+        friction=replace(
+            alarm,
+            shift=of_all[0],
+            moved=of_robot(alarm.moved[None])[0] if alarm.missing else alarm.moved,
+            by_block=of_robot(alarm.by_block) if alarm.missing else alarm.by_block,
+        ),
+        positions=of_all[1],
+        noise=of_all[2],
+        load=along.typical_load,
+        velocities=spread.velocities if wide else (),
+        crossed=of_robot(spread.wide[n:]) if wide and spread.velocities else np.zeros((0, 0)),
     )
-    return replace(spread, uncertainty=replace(spread.uncertainty, exchanges=exchanged))
+    if wide:
+        sliding = Sliding(
+            robot=along.robot,
+            x=along.x,
+            load=along.typical_load,
+            names=names,
+            velocities=spread.velocities,
+            covariance=spread.wide,
+            factor=uncertainty.factor(0.95),
+            alarm=alarm,
+        )
+        uncertainty = replace(uncertainty, at_speeds=sliding.where_open(along.parts))
+    if uncertainty.kind != "jackknife" or not of_all[:2].any():
+        return replace(spread, uncertainty=uncertainty)
+    # The bias has an error of its own, that of the laws' amounts.
+    errors = np.sqrt(np.sum(np.square(alarm.by_block[:, :n]), axis=0)) if alarm.missing else 0.0
+    deviations = bounded(np.sqrt(noise**2 + positions**2 + errors**2), alarm.shift)
+    return replace(
+        spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, np.square(deviations))
+    )
 
 
 def position_shift(

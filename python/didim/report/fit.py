@@ -332,8 +332,17 @@ def _friction_section(fit: Identification, experiment: Experiment) -> Html:
         picture(
             plot.friction(fit, experiment), "Friction of each joint over its speed, with the rows of the log"
         ),
-        *map(paragraph, [] if fit.uncertainty is None else fit.uncertainty.exchange_lines()),
+        _at_speeds(fit),
     )
+
+
+def _at_speeds(fit: Identification) -> Html:
+    """Show friction at speeds, where parameters of friction do not say it."""
+    cells = [] if fit.uncertainty is None else fit.uncertainty.speed_rows()
+    if not cells:
+        return Html("")
+    head, *rows = cells
+    return table(head, rows, numbers=range(2, len(head)))
 
 
 def _correlation_section(fit: Identification) -> Html:

@@ -11,15 +11,18 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, quotient, relative_percent
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, save_json
 from .._tools.words import counted, percent_text
 from ..errors import FitError
+from ..regression.friction.alarm import FrictionAtSpeeds, Sliding
 from ..robot.parameter_file import write_parameters
+from ..robot.parameters import friction_names
 from ..terms.unknown import Role
-from .consistent import MovedToRobot, table_of
+from .consistent import MovedToRobot, recorded_robot, table_of
 from .delay_lines import delay_lines
 from .finding import Finding
 from .further import Further
@@ -28,6 +31,7 @@ from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
 from .table import (
+    WELL_IDENTIFIED_PERCENT,
     Estimates,
     Row,
     error_rows,
@@ -212,6 +216,51 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """
         return self._estimates(level).interval
 
+    def friction_at(self, joint: int, speeds: ArrayLike) -> FrictionAtSpeeds:
+        """Return friction of a joint at speeds, with its 95 % interval.
+
+        The joint moves alone, in steady sliding, at the median load of the log; friction is half the difference between both
+        directions. What the log tells is friction at speeds: parameters of friction that exchange, or whose law is not that of
+        the joint, are less certain than it is.
+
+        Parameters
+        ----------
+        joint : int
+            Joint, from 0.
+        speeds : array_like, shape (k,)
+            Speeds above zero (rad/s or m/s).
+
+        Raises
+        ------
+        FitError
+            For a joint or a speed that does not exist, and for a result without standard deviations.
+
+        Notes
+        -----
+        ``test_friction_exchange.py`` compares it with friction that is known, where a law is missing too.
+        """
+        known = recorded_robot(self.robot, self.settings)
+        v = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
+        if not 0 <= joint < known.n_dof:
+            raise FitError(
+                f"joint {joint} does not exist: the joints of {self.robot!r} are 0 to {known.n_dof - 1}"
+            )
+        if v.ndim != 1 or not (np.isfinite(v) & (v > 0.0)).all():
+            raise FitError("speeds must be finite and above zero")
+        uncertainty = self.uncertainty
+        if uncertainty is None or not self.std.any():
+            raise FitError("the result has no standard deviations, so friction at speeds has no interval")
+        return Sliding(
+            robot=known,
+            x=self.parameters,
+            load=uncertainty.load if len(uncertainty.load) else np.zeros(known.n_dof),
+            names=self.names,
+            velocities=uncertainty.velocities,
+            covariance=uncertainty.noise_covariance(self.covariance, self.std),
+            factor=uncertainty.factor(0.95),
+            alarm=uncertainty.friction,
+        ).at(joint, v)
+
     def interval_factor(self, level: float = 0.95) -> float:
         """Return half the width of a confidence interval in standard deviations.
 
@@ -254,10 +303,17 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """Return heading and cells of the table of parameters."""
         marks: dict[str, str] = {}
         if self.uncertainty is not None:
-            exchanged = {name for exchange in self.uncertainty.exchanges for name in exchange.parameters}
+            exchanged = {name for each in self.uncertainty.at_speeds for name in each.parameters}
             marks = {name: "exchanges" for name in self.names if name in exchanged}
             marks |= dict.fromkeys(self.uncertainty.single_block, "one block")
-        return parameter_rows(self._estimates(), marks)
+        return parameter_rows(self._estimates(), marks, self._unstated())
+
+    def _unstated(self) -> frozenset[str]:
+        """Return parameters of friction that no interval tells where a law is missing: friction at speeds stands for them."""
+        missing = () if self.uncertainty is None else self.uncertainty.at_speeds
+        poor = self.relative_std_percent > WELL_IDENTIFIED_PERCENT
+        own = {name for each in missing if each.law for name in friction_names(each.joint)}
+        return frozenset(name for name, bad in zip(self.names, poor, strict=True) if bad and name in own)
 
     def value_rows(self) -> list[dict[str, Any]]:
         """Return a row of each parameter, with the columns of `to_dataframe`."""

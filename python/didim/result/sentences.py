@@ -185,15 +185,29 @@ LAWS = {
     "dahl": "has a memory (Dahl)",
 }
 """Description of friction laws that a model may lack."""
+MISSING = {
+    "stribeck": "Stribeck's law",
+    "atan": "an arctangent",
+    "load": "load friction",
+    "dahl": "Dahl's memory",
+}
+"""Names of these laws."""
+MOST_NAMED = 110
+"""Largest number of characters of the laws that a sentence names."""
 
 
 def _friction(f: Finding) -> str:
     facts = f.facts
     included = "intervals include it" if facts["included"] else "intervals are too narrow"
-    return (
-        f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
-        f"{two_digits(f.effect)} sigma of noise; {included}"
-    )
+    # Results of version 0.3.0 name one law for all joints.
+    laws = facts.get("laws", {})
+    if len(laws) < 2:
+        return (
+            f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
+            f"{two_digits(f.effect)} sigma of noise; {included}"
+        )
+    named = (f"{MISSING[law]} at {joints_text(j - 1 for j in joints)}" for law, joints in laws.items())
+    return f"friction lacks {series(named, MOST_NAMED)}: parameters move up to {two_digits(f.effect)} sigma; {included}"
 
 
 def _friction_advice(f: Finding) -> str:

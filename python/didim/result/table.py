@@ -6,7 +6,7 @@ It only depends on numbers, not on results. Tested in ``tests/test_identificatio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -121,7 +121,9 @@ class Row:
         return cls(row["name"], row["unit"], value, std, low, high, role, SOURCES[role], row["group"])
 
 
-def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tuple[str, ...]]:
+def parameter_rows(
+    estimates: Estimates, remarks: Mapping[str, str], unstated: Collection[str] = ()
+) -> list[tuple[str, ...]]:
     """Return the heading and the cells of the table of parameters.
 
     The cells are name, unit, estimate, sigma, sigma %, both ends of the 95 % interval, the ratio of sigma to that of (10), and a
@@ -133,6 +135,8 @@ def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tup
         Names and numbers.
     remarks : mapping of str to str
         Further remarks by name.
+    unstated : collection of str
+        Names of parameters without an interval, for which friction at speeds stands.
     """
     *columns, factor = estimates
     cells: list[tuple[str, ...]] = [PARAMETER_HEAD]
@@ -154,10 +158,11 @@ def parameter_rows(estimates: Estimates, remarks: Mapping[str, str]) -> list[tup
                 _number(value + half, places),
                 f"{std / white:.2f}" if white > 0.0 and math.isfinite(std) else "-",
             )
-            if known
+            if known and name not in unstated
             else ("-",) * 5
         )
-        remark = " ".join(filter(None, ("*" if uncertain else "", remarks.get(name, ""))))
+        speeds = "see friction at speeds" if name in unstated else ""
+        remark = " ".join(filter(None, ("*" if uncertain else "", remarks.get(name, ""), speeds)))
         cells.append((name, unit, _number(value, places), *sigmas, remark))
     return cells
 

@@ -13,7 +13,9 @@ from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import UNBOUNDED, plain, restored
 from .._tools.words import joints_text, series
 from ..errors import FitError
-from ..regression.friction.alarm import Exchange, FrictionAlarm
+from ..regression.friction.alarm import FrictionAlarm, FrictionAtSpeeds
+from .sentences import MISSING
+from .table import table_lines
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Source of the standard deviations: the delete-block jackknife, (10) with the correlation of decimated noise, (10) itself, the
@@ -81,13 +83,22 @@ class Uncertainty(Pickled):
     single_block : mapping of str to int
         Parameters determined by a single block, with its number from 0; their standard deviation is not from the jackknife.
     friction : FrictionAlarm or None
-        Whether the residual contains friction that the model lacks; the standard deviations then include the resulting shift.
+        Whether the residual contains friction that the model lacks; the intervals then hold with the bias that it makes.
         None if not tested.
     positions : ndarray, shape (b,)
         Change of each parameter, in its unit, by noise and steps of the measured positions, which the standard deviations of the
         jackknife include; empty if not tested, zero along simulated motion.
-    exchanges : tuple of Exchange
-        Friction at speeds inside the log, at joints where the parameters of a law exchange or its velocity is unknown.
+    noise : ndarray, shape (b,)
+        Standard deviations by noise alone, without bias and errors of positions; empty if these were not tested.
+    at_speeds : tuple of FrictionAtSpeeds
+        Friction at speeds inside the log, at joints where the parameters of a law exchange, its velocity is unknown, or a law is
+        missing.
+    load : ndarray, shape (n_dof,)
+        Median size of the torque of links and rotors in the log (N.m or N), for friction at other speeds; empty if not known.
+    velocities : tuple of str
+        Parameters of the friction laws with an estimated velocity.
+    crossed : ndarray, shape (v, b + v)
+        Covariance by noise of these velocities with the parameters and with each other.
     """
 
     kind: Kind
@@ -99,10 +110,14 @@ class Uncertainty(Pickled):
     single_block: Mapping[str, int] = field(default_factory=dict)
     friction: FrictionAlarm | None = None
     positions: Array = field(default_factory=lambda: np.zeros(0))
-    exchanges: tuple[Exchange, ...] = ()
+    noise: Array = field(default_factory=lambda: np.zeros(0))
+    at_speeds: tuple[FrictionAtSpeeds, ...] = ()
+    load: Array = field(default_factory=lambda: np.zeros(0))
+    velocities: tuple[str, ...] = ()
+    crossed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        make_read_only(self, ("std_white", "joint_std", "deletions", "positions"), ("single_block",))
+        make_read_only(self, ("std_white", "joint_std", "deletions", "positions", "noise"), ("single_block",))
 
     def factor(self, level: float) -> float:
         """Half the width of an interval in standard deviations: Student's quantile.
@@ -121,10 +136,25 @@ class Uncertainty(Pickled):
         """
         if self.kind != "jackknife":
             return std
-        squares = np.square(std)
+        if len(self.noise) == len(std):
+            return self.noise
+        squares = np.square(std)  # of version 0.3.0, whose squares were added
         for shift in (self.positions, np.zeros(0) if self.friction is None else self.friction.shift):
             squares[: len(shift)] -= np.square(shift[: len(squares)])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+    def noise_covariance(self, covariance: Array, std: Array) -> Array:
+        """Return the covariance by noise of the parameters and the estimated velocities of laws, (b + v, b + v).
+
+        It is that of predictions, where biases of parameters nearly cancel. `covariance`, (b, b), and `std`, (b,), are those of
+        the result.
+        """
+        share = quotient(self.without_shift(std), std, 1.0)
+        own = covariance * np.outer(share, share)
+        if not self.velocities:
+            return np.asarray(own)
+        b = len(std)
+        return np.block([[own, self.crossed[:, :b].T], [self.crossed]])
 
     def lines(self, std: Array) -> list[str]:
         """Return the lines of a printed result on standard deviations, (b,)."""
@@ -139,7 +169,7 @@ class Uncertainty(Pickled):
             lines.append(
                 f"only the rows of {self.blocks[block]} determine {names}: sigma is a guess from noise"
             )
-        return [*lines, *self._position_lines(std), *self._friction_lines(std), *self.exchange_lines()]
+        return [*lines, *self._position_lines(std), *self._friction_lines(), *self.speed_lines()]
 
     def _position_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.positions)]
@@ -152,54 +182,58 @@ class Uncertainty(Pickled):
             f"with a lower cut-off; {included}"
         ]
 
-    def _friction_lines(self, std: Array) -> list[str]:
+    def _friction_lines(self) -> list[str]:
         alarm = self.friction
         if alarm is None or not alarm.tested:
             return []
         if alarm.raised:
-            joints = joints_text(alarm.joints)
-            included = "sigma includes how far the parameters move with it"
-            effect = (
-                included
-                if self.kind == "jackknife"
-                else "sigma does not include how far the parameters move with it"
-            )
+            effect = "the intervals hold" if self.kind == "jackknife" else "sigma does not include"
             return [
-                f"{LAWS[alarm.law]} explains the residual of {joints} (p = {alarm.p_value.min():.2g}); {effect}"
+                f"{LAWS[alarm.law]} explains the residual of {joints_text(alarm.joints)} (p = {alarm.p_value.min():.2g}); "
+                f"{effect} how far the parameters move with it"
             ]
         if self.kind == "jackknife" and alarm.shift.any():
             return [
                 "held-out blocks do not decide whether some of the chosen friction laws are needed or another law fits better; "
-                "sigma includes how far the parameters move without them"
+                "the intervals hold how far the parameters move without them"
             ]
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 
-    def exchange_lines(self) -> list[str]:
-        """Return a line for each of `exchanges`."""
-        factor = self.factor(0.95)
-        lines = []
-        for exchange in self.exchanges:
-            law, beside = exchange.parameters
-            torque_unit, speed_unit = ("N.m", "rad/s") if exchange.kind == "revolute" else ("N", "m/s")
-            values = [
-                f"{torque:.4g} +- {factor * std:.2g} at {speed:.2g}"
-                for speed, torque, std in zip(exchange.speeds, exchange.torques, exchange.stds, strict=True)
-            ]
+    def speed_rows(self) -> list[tuple[str, ...]]:
+        """Return heading and cells of the table of `at_speeds`: joint and why, then speeds and friction with its interval."""
+        if not self.at_speeds:
+            return []
+        most = max(len(each.speeds) for each in self.at_speeds)
+        cells = [("friction at speeds", "unit", *(("speed", "friction") * most))]
+        for each in self.at_speeds:
+            unit, speed_unit = ("N.m", "rad/s") if each.kind == "revolute" else ("N", "m/s")
             reason = (
-                f"the log does not identify the velocity of {law}"
-                if exchange.refused
-                else f"{law} and {beside} exchange (correlation {exchange.correlation:.3f})"
+                f"{MISSING[each.law]} is missing"
+                if each.law
+                else f"velocity of {each.parameters[0]} unknown"
+                if each.refused
+                else f"{each.parameters[0]} and {each.parameters[1]} exchange"
             )
-            lines.append(
-                f"{reason}; friction of joint {exchange.joint + 1} ({torque_unit}, 95 %) by speed ({speed_unit}): "
-                f"{series(values, 70)}"
+            values = [
+                (f"{speed:.2g} {speed_unit}", f"{torque:.4g} +- {0.5 * (high - low):.2g}")
+                for speed, torque, low, high in zip(
+                    each.speeds, each.torques, each.low, each.high, strict=True
+                )
+            ]
+            cells.append(
+                (f"joint {each.joint + 1}: {reason}", unit, *(cell for pair in values for cell in pair))
             )
-        return lines
+        return cells
+
+    def speed_lines(self) -> list[str]:
+        """Return the lines of `speed_rows`, with 95 % intervals."""
+        cells = self.speed_rows()
+        return ["", *table_lines(cells, 2), ""] if cells else []
 
     def of_draws(self) -> Uncertainty:
         """Return the record for the nearest robot: the distribution of its draws has the degrees of freedom of the estimate."""
         return replace(
-            self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={}, exchanges=()
+            self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={}, at_speeds=()
         )
 
     @property
@@ -223,8 +257,23 @@ class Uncertainty(Pickled):
     def from_dict(cls, data: Mapping[str, Any], std_white: Array) -> Uncertainty:
         """Restore the record from `to_dict`."""
         deletions = data["deletions"] if data["blocks"] else np.zeros((0, 0))
-        made: Uncertainty = restored(cls, {**data, "std_white": std_white, "deletions": deletions})
+        known = {key: value for key, value in data.items() if key != "exchanges"}
+        made: Uncertainty = restored(cls, {**known, "std_white": std_white, "deletions": deletions})
+        if "exchanges" in data:  # of version 0.3.0
+            made = replace(
+                made, at_speeds=tuple(_of_exchange(one, made.factor(0.95)) for one in data["exchanges"])
+            )
         return made
+
+
+def _of_exchange(data: Mapping[str, Any], factor: float) -> FrictionAtSpeeds:
+    """Return friction at speeds from the JSON of version 0.3.0, which had standard deviations in place of intervals."""
+    pairs = list(zip(data["torques"], data["stds"], strict=True))
+    ends = {"low": [t - factor * s for t, s in pairs], "high": [t + factor * s for t, s in pairs]}
+    made: FrictionAtSpeeds = restored(
+        FrictionAtSpeeds, {**{key: value for key, value in data.items() if key != "stds"}, **ends}
+    )
+    return made
 
 
 def student_factor(level: float, degrees_of_freedom: float) -> float:

@@ -20,6 +20,7 @@ from ..log.recording import Recording
 from ..loop.simulation import Simulation
 from ..methods.job import Delay
 from ..methods.method import FitSettings, Motion
+from ..regression.friction.velocity import with_slopes
 from ..result.identification import Identification
 from ..result.uncertainty import student_factor
 from ..robot.robot import Robot
@@ -28,6 +29,7 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, windows_of
 from ..terms.model import Model
+from ..terms.rows import LinearSystem
 from .loaded import same_parameters, standard_in, unloaded, with_friction_of, with_gains_of
 
 
@@ -270,21 +272,29 @@ def _torques(
 ) -> dict[str, Any]:
     """Return measured and predicted torques of a window, with the sizes of the columns and standard deviations."""
     n = robot.n_dof
-    system = Model(robot).rows([part], signal, beta)
+    system = with_slopes(Model(robot).rows([part], signal, beta), robot, [part], signal)
     return {
         "measured": system.y.reshape(n, -1).T.copy(),
         "predicted": (system.w @ beta).reshape(n, -1).T.copy(),
         "sizes": np.sqrt(np.mean(system.w.reshape(n, -1, system.w.shape[1]) ** 2, axis=1)),
-        **_spread(fit, system.w, n),
+        **_spread(fit, system, beta, n),
     }
 
 
-def _spread(fit: Identification, w: Array, n_dof: int) -> dict[str, Any]:
-    """Return standard deviation and degrees of freedom of predictions along the rows of a regressor."""
+def _spread(fit: Identification, system: LinearSystem, beta: Array, n_dof: int) -> dict[str, Any]:
+    """Return standard deviation and degrees of freedom of predictions along the rows of a system, by noise alone.
+
+    Biases of parameters by missing friction nearly cancel in a torque; what they leave is in the residuals of the joints.
+    """
     uncertainty = fit.uncertainty
     if uncertainty is None or not fit.std.any() or len(uncertainty.joint_std) != n_dof:
         return {}
-    of_parameters = np.einsum("ra,ab,rb->r", w, fit.covariance, w, optimize=True)
+    covariance, w = uncertainty.noise_covariance(fit.covariance, fit.std), system.w
+    if uncertainty.velocities:
+        velocities = dict.fromkeys(uncertainty.velocities, np.zeros(system.y.size))
+        velocities |= {name: beta[system.names.index(name)] * slope for name, slope in system.slopes.items()}
+        w = np.column_stack([w, *(velocities[name] for name in uncertainty.velocities)])
+    of_parameters = np.einsum("ra,ab,rb->r", w, covariance, w, optimize=True)
     variance = np.maximum(of_parameters.reshape(n_dof, -1).T, 0.0) + uncertainty.joint_std**2
     return {"std": np.sqrt(variance), "degrees_of_freedom": uncertainty.degrees_of_freedom}
 

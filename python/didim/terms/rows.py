@@ -208,6 +208,19 @@ class LinearSystem:
         error, torque = (float(np.linalg.norm(self.norms(rows))) for rows in (residual, self.measured))
         return ratio(error, torque)
 
+    def with_velocities(self, solution: Array) -> LinearSystem:
+        """Return the system with a further column for the estimated velocity of each law, of the name of its parameter.
+
+        The velocities were estimated too. With their columns in the system, the variances of the parameters include the
+        uncertainty of the velocities. A law with a parameter of zero has no column.
+        """
+        if not self.slopes:
+            return self
+        values = {name: float(solution[self.names.index(name)]) for name in self.slopes}
+        columns = {name: values[name] * slope for name, slope in self.slopes.items()}
+        columns = {name: column for name, column in columns.items() if column.any()}
+        return replace(self, w=np.column_stack([self.w, *columns.values()]), names=(*self.names, *columns))
+
     def part(self, blocks: Sequence[Block]) -> LinearSystem:
         """Return the system of some of the blocks, such as all windows but one, with renumbered rows."""
         blocks = [block for joint in by_joint(blocks) for block in joint]

@@ -31,7 +31,6 @@ from ...regression.covariance import Factors, covariance_of_columns
 from ...regression.fit import Fit
 from ...result.iteration import Iteration
 from ...terms.rows import unit_columns
-from ..uncertainty import with_velocities
 from .convergence import SAFETY, Contraction
 from .problem import Iterate, Problem, Solved
 
@@ -128,7 +127,7 @@ def _with_errors(
 ) -> tuple[Fit, float]:
     """Return the fit at an iterate with the covariance of the fixed point, and how much wider that is than (10)."""
     system, fit, weights = solved.system, solved.fit, solved.fit.weights
-    n, wide = len(system.names), with_velocities(system, fit.solution)
+    n, wide = len(system.names), system.with_velocities(fit.solution)
     made: Instrumented | None = newton
     if wide is not system:
         made = instrumented(np.column_stack([slopes, wide.w[:, n:]]), wide.w, system.y, weights)

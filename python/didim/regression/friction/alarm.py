@@ -1,4 +1,4 @@
-r"""Friction that the model lacks: a score test that sees it, and how far the parameters move with it.
+r"""Friction that the model lacks: a score test that sees it, the law of each joint, and how far the parameters move with it.
 
 A missing law repeats its error in every stretch of the log. Standard deviations from stretches left out cannot see it, and the
 whiteness of decimated rows is that of their filter. The score of the law's column sees it. With ``A`` the weighted observation
@@ -15,16 +15,21 @@ rows as they are. Errors of right models (`sampling`) have columns beside those 
 of the motion, so noise of the positions is in them as it is in the residual. Low passes of them have hardly any of it, so an alarm
 is tried again with these, and one law must alarm both times.
 
-The shift of a family of laws is the change of the estimate with the columns of all joints beside A,
+Where a joint alarms, every joint may lack a law: that whose column explains most of blocks left out, with the amplitude of the
+other blocks, if it explains any. The laws of all joints have their amplitudes together, and the estimate would move with them by
 
-    b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
+    K a = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
-After ``terms = "auto"`` the shift includes what the choice left open: a term whose gain on held-out blocks is not clear or that is
+This is a bias, not a deviation: which law the joint has is not known, so an interval holds for every bias up to it. With the
+deviation s of noise its half width is that of noise times ``cv(|K a| / s) / cv(0)``, cv(x) being the 95 % quantile of
+``|N(x, 1)|``. Friction at a speed v moves by ``h(v)^T K a + a c(v)``, where both parts nearly cancel.
+
+After ``terms = "auto"`` the bias includes what the choice left open: a term whose gain on held-out blocks is not clear or that is
 not chosen without one of them, and the other of atan and Stribeck's law where both fit. Their changes are independent: their
 squares are added.
 
 Sources: Cochrane and Orcutt (1949) for whitened rows; Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz
-(1978) for the order of an autoregression, and for the choice among laws.
+(1978) for the order of an autoregression; Armstrong and Kolesar (2018) for intervals that hold for every bias up to a bound.
 
 A log has errors where its model is right too, and they look like friction. Central differences, `h` s apart, lose ``h^2 / 6`` of
 the second derivative of a velocity and, taken twice, ``h^2 / 3`` of that of an acceleration. Where a joint reverses, its
@@ -38,13 +43,13 @@ at each joint, so the test for missing friction frees its scores of them.
 They are differences of the motion, so noise of the positions is in them as it is in the residual, and looks like friction; low
 passes of them have hardly any of it. Tested in ``tests/test_friction_alarm.py``, the turn in ``tests/test_ur10e_page.py``.
 
-Coulomb friction and a law of speed can be nearly the same column in a log, or the velocity of the law is unknown: then their
-parameters exchange and are uncertain, but the friction at speeds inside the log is not. For a joint alone, in steady sliding, half
-the difference between both directions is
+Coulomb friction and a law of speed can be nearly the same column in a log, the velocity of the law is unknown, or a law is
+missing: then parameters of friction are uncertain, but the friction at speeds inside the log is not. For a joint alone, in steady
+sliding, half the difference between both directions is
 
     f(v) = g(v)^T beta,     s^2 = h(v)^T C h(v)
 
-with the columns g at speed v and the derivatives h by the parameters and the estimated velocities, whose covariance is C.
+with the columns g at speed v and the derivatives h by the parameters and the estimated velocities, whose covariance by noise is C.
 Tested in ``tests/test_friction_exchange.py``.
 """
 
@@ -52,8 +57,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +71,7 @@ from ..._tools.saved import UNBOUNDED
 from ...errors import SignalError
 from ...model.dynamics import friction_places, inverse_dynamics
 from ...model.memory import FADED, direction, instantaneous, start_column, state
-from ...robot.friction import OF_PATH, FrictionTerm
+from ...robot.friction import OF_PATH
 from ...robot.parameters import friction_names
 from ...robot.robot import Robot
 from ...signal.filters import SLOW, low_pass
@@ -74,7 +80,7 @@ from ...signal.window import Window
 from ...terms.rows import LinearSystem, Rows, unit_columns
 from ..covariance import intervals
 from ..fit import Fit
-from .velocity import decimated
+from .velocity import decimated, slope_at
 
 TIME_BLOCKS = 20
 """Number of time stretches whose signs are flipped: long against the residual's correlation, many enough for a probability of 1
@@ -89,8 +95,69 @@ LEVEL = 0.01
 """Largest false alarm rate of a test over all joints of a log: it is divided by the number of joints."""
 FEWEST_ROWS = 3
 """Smallest number of rows of a stretch between two reversals; shorter ones join the next."""
+ONE_SIDED = 6.0
+"""Bias, in deviations, from which one side of an interval alone misses it."""
+NEWTON_STEPS = 6
+"""Steps of Newton's method to the half width of an interval with a bias: from its start they end at rounding."""
 ROUNDING = 1e-8
 """Norm of a column outside the span of A, as a share, below which the model already contains the column."""
+
+
+def bounded(std: Array, bias: Array) -> Array:
+    """Return deviations whose 95 % intervals hold with every bias up to a bound, of those of noise; both (k,), in one unit.
+
+    It is ``std cv(bias / std) / cv(0)`` with the 95 % quantile cv(x) of ``|N(x, 1)|``; ``test_friction_alarm.py`` draws it.
+    """
+    from scipy.special import ndtr
+
+    size = quotient(np.abs(bias), std)
+    near = np.minimum(size, ONE_SIDED)
+    half = near + 1.9600
+    for _ in range(NEWTON_STEPS):
+        missed = ndtr(half - near) - ndtr(-half - near) - 0.95
+        density = np.exp(-0.5 * (half - near) ** 2) + np.exp(-0.5 * (half + near) ** 2)
+        half -= missed * np.sqrt(2.0 * np.pi) / density
+    return np.asarray(np.where(size > 0.0, std * (half + size - near) / 1.959964, std))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissingLaw:
+    """Friction law of a joint that its residual has and the model lacks.
+
+    Attributes
+    ----------
+    joint : int
+        Joint, from 0.
+    law : {"stribeck", "atan", "load", "dahl"}
+        Its law.
+    velocity : float
+        Velocity, or displacement of memory (rad/s and rad, or m/s and m); zero of ``load``.
+    amount : float
+        Friction per unit of its column (N.m or N; of ``load`` without a unit).
+    by_block : tuple of float
+        Share of each block of time in the error of the amount, m of them: their squares add to its variance.
+    """
+
+    joint: int
+    law: str
+    velocity: float
+    amount: float
+    by_block: tuple[float, ...] = ()
+
+    def steady(self, robot: Robot, speeds: Array, load: Array) -> Array:
+        """Return a unit of its friction in steady sliding at speeds, (k,), beside the Coulomb friction that the fit has.
+
+        `load` are the sizes of the torques of links and rotors, (n_dof,) in N.m or N.
+        """
+        if self.law == "dahl":  # its state is the sign
+            return np.zeros(len(speeds))
+        dq = np.zeros((len(speeds), robot.n_dof))
+        dq[:, self.joint] = speeds
+        sign = instantaneous(robot, dq)[:, self.joint]
+        if self.law == "load":
+            return np.asarray(load[self.joint] * sign)
+        x = speeds / self.velocity
+        return sign * np.exp(-np.square(x)) if self.law == "stribeck" else np.arctan(x) - 0.5 * np.pi * sign
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,15 +172,21 @@ class FrictionAlarm:
         the smaller of rows as they are and whitened ones, which are left out where the first raise an alarm. One where a joint
         was not tested.
     law : str
-        Family that explains the residual best: ``"stribeck"``, ``"atan"``, ``"load"`` or ``"dahl"``; empty without an alarm.
+        Family that explains most of blocks left out: ``"stribeck"``, ``"atan"``, ``"load"`` or ``"dahl"``; empty without an alarm.
     tested : tuple of str
         Families that were tested.
     shift : ndarray, shape (b,)
-        Largest change of each parameter, in its unit, on an alarm among the families, and always among the laws that fit the
-        log as well as chosen ones; zero without either.
+        Size of the change of each parameter, in its unit, with the laws of `missing`, and always with the laws that fit the log
+        as well as chosen ones; zero without either.
     visible : mapping of str to ndarray, shape (n_dof,)
         By family, the amplitude of its friction at each joint that the test would see (N.m or N), whichever of its
         velocities or widths it has: a score of `VISIBLE` deviations. Infinite where a joint was not tested.
+    missing : tuple of MissingLaw
+        On an alarm, the laws that the joints have.
+    moved : ndarray, shape (b + v,)
+        Change of the parameters, and of the estimated velocities of laws, with these; empty without any.
+    by_block : ndarray, shape (m, b + v)
+        Share of each block of time in the error of this change: their squares add to its variance.
     """
 
     p_value: Array
@@ -121,6 +194,9 @@ class FrictionAlarm:
     tested: tuple[str, ...]
     shift: Array
     visible: Mapping[str, Array] = field(metadata=UNBOUNDED)
+    missing: tuple[MissingLaw, ...] = ()
+    moved: Array = field(default_factory=lambda: np.zeros(0))
+    by_block: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -171,38 +247,55 @@ class _Limb:
         return columns
 
 
-def friction_alarm(
-    system: LinearSystem,
-    fit: Fit,
-    robot: Robot,
-    parts: Sequence[Window],
-    signal: SignalProcessing,
-    load: Sequence[Array],
-    encoder_step: Array | None = None,
-    sampling_errors: Sequence[Sequence[Array]] = (),
-) -> FrictionAlarm:
-    """Test a residual for friction laws that the model lacks.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Along:
+    """Motion of a log, and what an estimate makes of it.
 
-    Parameters
+    Attributes
     ----------
-    system : LinearSystem
-        The system (7), made of `parts`.
-    fit : Fit
-        Its solution, with residual and weights.
     robot : Robot
         Robot of the system; load friction that a joint has already is not tested there.
+    x : ndarray, shape (n_parameters,)
+        Estimated standard parameters of the robot.
     parts : sequence of Window
         Motion along which the columns are.
     signal : SignalProcessing
         Decimation.
     load : sequence of ndarray, shape (n_samples, n_dof)
         Torques of links and rotors along each of the parts with the estimate (N.m or N, joint side).
-    encoder_step : ndarray, shape (n_dof,), optional
+    encoder_step : ndarray, shape (n_dof,), or None
         Step of the position encoder of each joint (rad or m), zero where it is not seen. A joint whose steps are coarser
-        than `RESOLVED_STEPS` of `tested_laws` allows is not tested for memory.
-    sampling_errors : sequence of sequence of ndarray, shape (n_samples, n_dof)
+        than `RESOLVED_STEPS` allows is not tested for memory.
+    errors : sequence of sequence of ndarray, shape (n_samples, n_dof)
         Errors of the torques along each of the parts, of an amount at each joint that is not known (N.m or N, joint side):
         scores are freed of them as of the columns of A.
+    """
+
+    robot: Robot
+    x: Array
+    parts: Sequence[Window]
+    signal: SignalProcessing
+    load: Sequence[Array]
+    encoder_step: Array | None = None
+    errors: Sequence[Sequence[Array]] = ()
+
+    @cached_property
+    def typical_load(self) -> Array:
+        """Median size of the torque of links and rotors, (n_dof,)."""
+        return np.asarray(np.median(np.abs(np.concatenate(self.load)), axis=0))
+
+
+def friction_alarm(system: LinearSystem, fit: Fit, along: Along) -> FrictionAlarm:
+    """Test a residual for friction laws that the model lacks.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The system (7), made of the parts of `along`.
+    fit : Fit
+        Its solution, with residual and weights.
+    along : Along
+        Motion of the system.
 
     Returns
     -------
@@ -217,9 +310,9 @@ def friction_alarm(
     -----
     ``test_friction_alarm.py`` counts false alarms on right models and alarms on each missing law.
     """
+    robot, parts, signal = along.robot, along.parts, along.signal
     n = robot.n_dof
-    step = np.zeros(n) if encoder_step is None else encoder_step
-    candidates = laws_to_test(robot, parts, signal, load, step)
+    candidates = laws_to_test(along)
     tested = tuple(dict.fromkeys(candidate.family for candidate in candidates))
     limbs = _limbs(system, fit)
     speeds = decimated([part.dq for part in parts], parts, signal)
@@ -242,27 +335,42 @@ def friction_alarm(
             some = _limbs(white.system(system), replace(fit, residual=white.rows(fit.residual)))
             # The rest of whitened rows is that of their own solution.
             some = [replace(limb, rho=_freed(limb.q, limb.rho[:, None])[:, 0]) for limb in some]
-        found, least = tested_with(way, some, sampling_errors)
-        if (found < LEVEL).any() and (slow := slow_errors(sampling_errors, parts, signal)):
+        found, least = tested_with(way, some, along.errors)
+        if (found < LEVEL).any() and (slow := slow_errors(along.errors, parts, signal)):
             found, least = np.maximum((found, least), tested_with(way, some, slow))
         probability = np.minimum(probability, found)
         seen = np.where((seen > 0.0) & (least > 0.0), np.minimum(seen, least), np.maximum(seen, least))
     p_value = np.min(probability, axis=0)
     families = np.array([candidate.family for candidate in candidates])
     visible = {family: np.max(seen[families == family], axis=0) for family in tested}
-    moved: dict[str, tuple[float, Array]] = {}
+    missing: tuple[MissingLaw, ...] = ()
+    moved, by_block, law = np.zeros(0), np.zeros((0, 0)), ""
     if (p_value < LEVEL).any():
-        starts = [candidate.start(parts, signal) for candidate in candidates]
-        moved = _shifts(candidates, starts, limbs, system)
-    b = system.w.shape[1]
-    changes = [np.abs(change[:b]) for _, change in moved.values()]
+        missing, changes, law = _missing_laws(candidates, limbs, system, along)
+        if missing:
+            moved, *errors = _with_velocities_of(system, fit.solution, changes)
+            by_block = np.array(errors)
+    open_ = _open_shift(system, fit)
     return FrictionAlarm(
         p_value=p_value,
-        law=min(moved, key=lambda family: moved[family][0], default=""),
+        law=law,
         tested=tested,
-        shift=np.max([_open_shift(system, fit), *changes], axis=0),
+        shift=np.hypot(open_, moved[: len(open_)] if moved.size else 0.0),
         visible={family: np.where(values > 0.0, values, np.inf) for family, values in visible.items()},
+        missing=missing,
+        moved=moved,
+        by_block=by_block,
     )
+
+
+def _with_velocities_of(system: LinearSystem, solution: Array, changes: Array) -> Array:
+    """Return changes of parameters and velocities, (k, b + v), of those of the columns of W and of the slopes."""
+    wider = system.with_velocities(solution)
+    b, slopes = len(system.names), list(system.slopes)
+    velocities = [
+        changes[:, b + slopes.index(name)] / solution[system.names.index(name)] for name in wider.names[b:]
+    ]
+    return np.column_stack([changes[:, :b], *velocities])
 
 
 def _tested(
@@ -442,40 +550,108 @@ def _between_reversals(system: LinearSystem, speeds: Array, joint: int) -> list[
     return stretches
 
 
-def _shifts(
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A law at the joints of a limb, with a column for each, and further ones of the unknown state at the start of memory.
+
+    Attributes
+    ----------
+    law : LawColumns
+        The law.
+    free : (n_rows, k) array
+        Weighted columns without their part in the span of A, and zero where nothing is left; those of joint i are i and, of a
+        start, i plus the number of joints.
+    change : (n_columns, k) array
+        Change of the limb's unknowns with a unit of each.
+    gain : (m, n_joints) array
+        By how much the squared residual of the rows of a block and a joint falls with the amounts of all other blocks.
+    amount : (k,) array
+        Amounts of all blocks.
+    """
+
+    law: LawColumns
+    free: Array
+    change: Array
+    gain: Array
+    amount: Array
+
+    @classmethod
+    def of(cls, limb: _Limb, law: LawColumns, start: Array | None, stretches: Sequence[Rows]) -> _Tried:
+        """Return a law at all joints of a limb."""
+        used = limb.weighted(law.columns)
+        if start is not None:
+            used = np.hstack([used, limb.weighted(start)])
+        free = _freed(limb.q, used)
+        size = np.linalg.norm(free, axis=0)
+        unit = np.where(size > 0.0, free / np.where(size > 0.0, size, 1.0), 0.0)
+        products = np.array([unit[rows].T @ unit[rows] for rows in stretches])
+        moments = np.array([unit[rows].T @ limb.rho[rows] for rows in stretches])
+
+        def solved(products: Array, moments: Array) -> Array:
+            inverse = np.linalg.pinv(products, rcond=ROUNDING, hermitian=True)
+            return np.asarray(np.einsum("...ab,...b->...a", inverse, moments))
+
+        every, right = products.sum(axis=0), moments.sum(axis=0)
+        others = solved(every - products, right - moments)
+        count = len(limb.rows) // len(limb.joints)
+        gain = np.zeros((len(stretches), len(limb.joints)))
+        for block, rows in enumerate(stretches):
+            predicted = unit[rows] @ others[block]
+            fallen = predicted * (2.0 * limb.rho[rows] - predicted)
+            gain[block] = np.bincount(rows // count, fallen, len(limb.joints))
+        scale = quotient(np.ones_like(size), size)
+        seen = limb.q.T @ used * (size > 0.0)
+        change = -np.linalg.solve(limb.r, seen) / limb.size[:, None]
+        return cls(law, free, change, gain, solved(every, right) * scale)
+
+    def of_joint(self, index: int) -> list[int]:
+        """Return the numbers of a joint's columns: of the law, and of its start."""
+        return list(range(index, self.free.shape[1], self.gain.shape[1]))
+
+
+def _missing_laws(
     candidates: Sequence[LawColumns],
-    starts: Sequence[Array | None],
     limbs: Sequence[_Limb],
     system: LinearSystem,
-) -> dict[str, tuple[float, Array]]:
-    """Return for each family its best criterion of Schwarz and the change of the estimate and the velocities with it."""
-    best: dict[str, tuple[float, Array]] = {}
-    n_rows = system.y.size / len(system.joints)
-    for candidate, start in zip(candidates, starts, strict=True):
-        criterion, count = 0.0, 0
-        change = np.zeros(system.w.shape[1] + len(system.slopes))
-        for limb in limbs:
-            used = limb.weighted(candidate.columns)
-            if start is not None:
-                used = np.hstack([used, limb.weighted(start)])
-            seen = limb.q.T @ used
-            free = used - limb.q @ seen
-            size = np.linalg.norm(free, axis=0)
-            independent = size > ROUNDING * np.linalg.norm(used, axis=0)
-            left = limb.rho
-            if independent.any():
-                unit = free[:, independent] / size[independent]
-                # Products of unit columns: as many as columns, where the rows are thousands.
-                amount = np.linalg.lstsq(unit.T @ unit, unit.T @ limb.rho, rcond=None)[0]
-                left = left - unit @ amount
-                amount /= size[independent]
-                change[limb.columns] = -np.linalg.solve(limb.r, seen[:, independent] @ amount) / limb.size
-            squares = np.sum(np.square(left.reshape(len(limb.joints), -1)), axis=1)
-            criterion += n_rows * float(np.sum(np.log(squares))) + int(independent.sum()) * np.log(n_rows)
-            count += int(independent.sum())
-        if count and (candidate.family not in best or criterion < best[candidate.family][0]):
-            best[candidate.family] = (criterion, change)
-    return best
+    along: Along,
+) -> tuple[tuple[MissingLaw, ...], Array, str]:
+    """Return the law of each joint that has one, the change of the unknowns with all, and the family that gains most.
+
+    The first row of the changes, (1 + m, b + v), is that of the amounts, the others the share of each block in its error.
+    """
+    starts = [candidate.start(along.parts, along.signal) for candidate in candidates]
+    time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
+    changes = np.zeros((1 + len(time), system.w.shape[1] + len(system.slopes)))
+    missing: list[MissingLaw] = []
+    gains: dict[str, float] = {}
+    for limb in limbs:
+        stretches = limb.own(time)
+        tried = [_Tried.of(limb, *pair, stretches) for pair in zip(candidates, starts, strict=True)]
+        chosen: list[tuple[int, _Tried, list[int]]] = []
+        for index in range(len(limb.joints)):
+            best = max(tried, key=lambda each: float(each.gain[:, index].sum()))
+            if best.gain[:, index].sum() > 0.0:
+                chosen.append((index, best, best.of_joint(index)))
+        if not chosen:
+            continue
+        free = np.hstack([each.free[:, own] for _, each, own in chosen])
+        change = np.hstack([each.change[:, own] for _, each, own in chosen])
+        unit, size = unit_columns(free)
+        inverse = np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True)
+        solution = inverse @ (unit.T @ limb.rho)
+        left = limb.rho - unit @ solution
+        # Errors of blocks are independent, those within a block may be alike: `m / (m - 1)` as in the jackknife.
+        scores = np.array([unit[rows].T @ left[rows] for rows in stretches])
+        errors = scores @ inverse * np.sqrt(len(stretches) / (len(stretches) - 1.0))
+        amounts = np.vstack([solution, errors]) / size
+        changes[:, limb.columns] = amounts @ change.T
+        first = 0
+        for index, each, own in chosen:
+            family = each.law.family
+            gains[family] = gains.get(family, 0.0) + float(each.gain[:, index].sum())
+            missing.append(each.law.at(limb.joints[index], amounts[:, first]))
+            first += len(own)
+    return tuple(missing), changes, max(gains, key=lambda key: gains[key], default="")
 
 
 STRIBECK = (0.05, 0.1, 0.2, 0.4)
@@ -503,21 +679,32 @@ class LawColumns:
         Decimated column of each joint, zero where the joint does not test it.
     amplitude : ndarray, shape (n_dof,)
         Largest friction along the log per unit of the column.
-    width : ndarray, shape (n_dof,), or None
-        Displacements of a law of memory, zero where it is not tested (rad or m).
+    velocity : ndarray, shape (n_dof,)
+        Velocities of the law (rad/s or m/s), or displacements of memory (rad or m): zero where it has none or is not tested.
     """
 
     family: str
     columns: Array
     amplitude: Array
-    width: Array | None = None
+    velocity: Array
+
+    def at(self, joint: int, amounts: Array) -> MissingLaw:
+        """Return the law at a joint, with an amount per unit of its column and the shares of the blocks in its error."""
+        amount, *errors = amounts.tolist()
+        return MissingLaw(
+            joint=joint,
+            law=self.family,
+            velocity=float(self.velocity[joint]),
+            amount=amount,
+            by_block=tuple(errors),
+        )
 
     def start(self, parts: Sequence[Window], signal: SignalProcessing) -> Array | None:
         """Return the columns of the unknown state at the first sample, (n_rows, n_dof); None for a law without memory."""
-        if self.width is None:
+        if self.family != "dahl":
             return None
-        joints = np.flatnonzero(self.width)
-        values = [start_column(part.q[:, joints], self.width[joints]) for part in parts]
+        joints = np.flatnonzero(self.velocity)
+        values = [start_column(part.q[:, joints], self.velocity[joints]) for part in parts]
         columns = np.zeros_like(self.columns)
         columns[:, joints] = decimated(values, parts, signal)
         return columns
@@ -528,15 +715,11 @@ def joint_scales(robot: Robot) -> Array:
     return np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
 
 
-def laws_to_test(
-    robot: Robot,
-    parts: Sequence[Window],
-    signal: SignalProcessing,
-    load: Sequence[Array],
-    encoder_step: Array,
-) -> list[LawColumns]:
+def laws_to_test(along: Along) -> list[LawColumns]:
     """Return the laws that are tested, with their decimated columns."""
+    robot, parts, signal, load = along.robot, along.parts, along.signal, along.load
     n = robot.n_dof
+    encoder_step = np.zeros(n) if along.encoder_step is None else along.encoder_step
     unit = joint_scales(robot)
     known = {(term.law, term.joint) for term in robot.friction.terms}
     every = np.ones(n, dtype=bool)  # a curve of speed may bend at more than one velocity
@@ -544,35 +727,33 @@ def laws_to_test(
     signs = [direction(robot, part.q, part.dq) for part in parts]
     laws: list[LawColumns] = []
 
-    def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
+    def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_], velocity: float = 0.0) -> None:
         if joints.any():
             own = values if joints.all() else [value * joints for value in values]
             rows = decimated(own, parts, signal)
             # Transposed first, because numpy reduces rows of few columns slowly.
             largest = np.max([np.abs(value.T, order="C").max(axis=1) for value in values], axis=0)
-            laws.append(LawColumns(family, rows, largest))
+            laws.append(LawColumns(family, rows, largest, velocity * unit * joints))
 
     for velocity in STRIBECK:
         values = [
             sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("stribeck", values, every)
+        add("stribeck", values, every, velocity)
     for velocity in ATAN:
         values = [
             np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("atan", values, every)
+        add("atan", values, every, velocity)
     add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
     resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
     if resolved.any():
-        widths = np.outer(WIDTHS, unit)
-        memories = [state(part.q, widths) for part in parts]
-        for k, width in enumerate(widths):
+        memories = [state(part.q, np.outer(WIDTHS, unit)) for part in parts]
+        for k, width in enumerate(WIDTHS):
             values = [memory[k] - sign for memory, sign in zip(memories, signs, strict=True)]
-            add("dahl", values, resolved)
-            laws[-1] = replace(laws[-1], width=width * resolved)
+            add("dahl", values, resolved, width)
     return laws
 
 
@@ -718,13 +899,11 @@ SHARES = (10.0, 50.0, 90.0)
 """Percentiles of a joint's speeds in the log, above its dead zone, at which its friction is stated."""
 CURVED = frozenset(("atan", "stribeck", "root"))
 """Laws of speed that can exchange with viscous and Coulomb friction."""
-VELOCITY_CHANGE = 1e-4
-"""Relative change of a velocity, both ways, in the finite difference of its law."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exchange:
-    """Friction of a joint whose parameters exchange, at speeds inside the log.
+class FrictionAtSpeeds:
+    """Friction of a joint that moves alone, in steady sliding, at speeds.
 
     Attributes
     ----------
@@ -732,86 +911,128 @@ class Exchange:
         Joint, from 0.
     kind : {"revolute", "prismatic"}
         Its kind.
-    parameters : (str, str)
-        The parameter of the law, and that of viscous or Coulomb friction with which it is most correlated.
+    speeds : tuple of float
+        Speeds (rad/s or m/s).
+    torques, low, high : tuple of float
+        Friction at these speeds (N.m or N), half the difference between both directions at the median load, and both ends of its
+        95 % interval.
+    law : str
+        Law that the joint has and the model lacks, or empty.
+    parameters : tuple of str
+        The parameter of a law of speed, and that of viscous or Coulomb friction with which it is most correlated, where they
+        exchange; else empty.
     correlation : float
         Their correlation.
     refused : bool
         Whether the log does not identify the velocity of the law.
-    speeds : tuple of float
-        Speeds (rad/s or m/s).
-    torques, stds : tuple of float
-        Friction at these speeds (N.m or N), half the difference between both directions at the median load, and its standard
-        deviation, without the shift by laws that the model lacks.
     """
 
     joint: int
     kind: str
-    parameters: tuple[str, str]
-    correlation: float
-    refused: bool
     speeds: tuple[float, ...]
     torques: tuple[float, ...]
-    stds: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    law: str = ""
+    parameters: tuple[str, ...] = ()
+    correlation: float = field(default=0.0)
+    refused: bool = False
 
 
-def exchanges(
-    robot: Robot,
-    parts: Sequence[Window],
-    load: Sequence[Array],
-    x: Array,
-    names: Sequence[str],
-    velocities: Sequence[str],
-    covariance: Array,
-) -> tuple[Exchange, ...]:
-    """Return the joints at which a law of speed exchanges with viscous or Coulomb friction, or has no velocity.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sliding:
+    """What an estimate knows of friction in steady sliding.
 
-    Parameters
+    Attributes
     ----------
     robot : Robot
-        Robot with known velocities.
-    parts : sequence of Window
-        Motion of the log.
-    load : sequence of (n_samples, n_dof) arrays
-        Torque of links and rotors along each part (N.m or N).
+        Robot with known velocities of its laws.
     x : ndarray, shape (n_parameters,)
         Estimated standard parameters.
+    load : ndarray, shape (n_dof,)
+        Size of the torque of links and rotors (N.m or N).
     names, velocities : sequence of str
         Estimated base parameters, and parameters of the laws with an estimated velocity.
     covariance : ndarray, shape (n_names + n_velocities,) * 2
-        Covariance of the base parameters and the velocities.
+        Their covariance by noise.
+    factor : float
+        Half the width of a 95 % interval in standard deviations.
+    alarm : FrictionAlarm or None
+        Laws that are missing, and how the estimate moves with them.
     """
-    std = np.sqrt(np.diag(covariance))
-    exchanged = []
-    for term in robot.friction.terms:
-        if term.law not in CURVED or term.parameter not in names:
-            continue
-        own = names.index(term.parameter)
-        beside = [index for index, name in enumerate(names) if name in friction_names(term.joint)]
-        if not beside or not std[[own, *beside]].all():
-            continue
-        correlations = covariance[own, beside] / (std[own] * std[beside])
-        most = int(np.argmax(np.abs(correlations)))
-        if not term.refused and abs(correlations[most]) < EXCHANGED:
-            continue
-        speeds = _speeds(robot, term.joint, parts)
-        if not speeds.size:
-            continue
-        typical = np.median(np.abs(np.concatenate(load)), axis=0)
-        torques, stds = _curve(robot, term.joint, speeds, typical, x, (names, velocities), covariance)
-        exchanged.append(
-            Exchange(
-                joint=term.joint,
-                kind=robot.joint_kinds[term.joint],
-                parameters=(term.parameter, names[beside[most]]),
-                correlation=float(correlations[most]),
-                refused=term.refused,
-                speeds=tuple(speeds.tolist()),
-                torques=tuple(torques.tolist()),
-                stds=tuple(stds.tolist()),
-            )
+
+    robot: Robot
+    x: Array
+    load: Array
+    names: Sequence[str]
+    velocities: Sequence[str]
+    covariance: Array
+    factor: float
+    alarm: FrictionAlarm | None = None
+
+    def at(self, joint: int, speeds: Array) -> FrictionAtSpeeds:
+        """Return friction of a joint at speeds above zero, (k,) in rad/s or m/s."""
+        columns = _columns(self.robot, joint, speeds, self.load)
+        values = dict(zip(self.robot.parameter_names, self.x, strict=True))
+        nothing = np.zeros_like(speeds)
+        slopes = [columns.get(name, nothing) for name in self.names]
+        terms = {term.parameter: term for term in self.robot.friction.terms}
+        one = np.ones_like(speeds)
+        for term in (terms[name] for name in self.velocities):
+            own = values[term.parameter] * slope_at(term.law, speeds, one, term.velocity)
+            slopes.append(own if term.joint == joint else nothing)
+        h = np.array(slopes)
+        torques = np.sum([values[name] * column for name, column in columns.items()], axis=0)
+        variance = np.maximum(np.einsum("as,ab,bs->s", h, self.covariance, h), 0.0)
+        bias, here = nothing, [law for law in self.missing if law.joint == joint]
+        if self.alarm is not None and self.missing:
+            bias, errors = self.alarm.moved @ h, self.alarm.by_block @ h
+            for law in here:
+                unit = law.steady(self.robot, speeds, self.load)
+                bias, errors = bias + law.amount * unit, errors + np.outer(law.by_block, unit)
+            variance = variance + np.sum(np.square(errors), axis=0)
+        half = self.factor * bounded(np.sqrt(variance), bias)
+        return FrictionAtSpeeds(
+            joint=joint,
+            kind=self.robot.joint_kinds[joint],
+            speeds=tuple(speeds.tolist()),
+            torques=tuple(torques.tolist()),
+            low=tuple((torques - half).tolist()),
+            high=tuple((torques + half).tolist()),
+            law=here[0].law if here else "",
         )
-    return tuple(exchanged)
+
+    @property
+    def missing(self) -> tuple[MissingLaw, ...]:
+        """Laws that are missing."""
+        return () if self.alarm is None else self.alarm.missing
+
+    def where_open(self, parts: Sequence[Window]) -> tuple[FrictionAtSpeeds, ...]:
+        """Return friction at speeds of a log, of joints whose parameters of friction do not say it.
+
+        These are joints at which a law of speed exchanges with viscous or Coulomb friction, has no velocity, or is missing.
+        """
+        found: dict[int, dict[str, Any]] = {law.joint: {} for law in self.missing}
+        std = np.sqrt(np.diag(self.covariance))
+        for term in self.robot.friction.terms:
+            if term.law not in CURVED or term.parameter not in self.names:
+                continue
+            own = self.names.index(term.parameter)
+            beside = [index for index, name in enumerate(self.names) if name in friction_names(term.joint)]
+            if not beside or not std[[own, *beside]].all():
+                continue
+            correlations = self.covariance[own, beside] / (std[own] * std[beside])
+            most = int(np.argmax(np.abs(correlations)))
+            if term.refused or abs(correlations[most]) >= EXCHANGED:
+                found[term.joint] = {
+                    "parameters": (term.parameter, self.names[beside[most]]),
+                    "correlation": float(correlations[most]),
+                    "refused": term.refused,
+                }
+        speeds = {joint: _speeds(self.robot, joint, parts) for joint in sorted(found)}
+        return tuple(
+            replace(self.at(joint, some), **found[joint]) for joint, some in speeds.items() if some.size
+        )
 
 
 def _speeds(robot: Robot, joint: int, parts: Sequence[Window]) -> Array:
@@ -819,38 +1040,6 @@ def _speeds(robot: Robot, joint: int, parts: Sequence[Window]) -> Array:
     sizes = [np.abs(part.dq[instantaneous(robot, part.dq)[:, joint] != 0.0, joint]) for part in parts]
     moving = np.concatenate(sizes)
     return np.percentile(moving, SHARES) if moving.any() else np.zeros(0)
-
-
-def _curve(
-    robot: Robot,
-    joint: int,
-    speeds: Array,
-    load: Array,
-    x: Array,
-    estimated: tuple[Sequence[str], Sequence[str]],
-    covariance: Array,
-) -> tuple[Array, Array]:
-    """Return friction and its standard deviation at speeds, (n_speeds,) each."""
-    names, velocities = estimated
-    columns = _columns(robot, joint, speeds, load)
-    values = dict(zip(robot.parameter_names, x, strict=True))
-    nothing = np.zeros_like(speeds)
-    slopes = [columns.get(name, nothing) for name in names]
-    terms = {term.parameter: term for term in robot.friction.terms}
-    for term in (terms[name] for name in velocities):
-        up, down = (
-            _columns(_with_velocity(robot, term, factor), joint, speeds, load).get(term.parameter, nothing)
-            for factor in (1.0 + VELOCITY_CHANGE, 1.0 - VELOCITY_CHANGE)
-        )
-        slopes.append(values[term.parameter] * (up - down) / (2.0 * VELOCITY_CHANGE * term.velocity))
-    h = np.array(slopes)
-    torques = np.sum([values[name] * column for name, column in columns.items()], axis=0)
-    return torques, np.sqrt(np.maximum(np.einsum("as,ab,bs->s", h, covariance, h), 0.0))
-
-
-def _with_velocity(robot: Robot, term: FrictionTerm, factor: float) -> Robot:
-    changed = replace(term, velocity=factor * term.velocity)
-    return robot.with_terms([changed if other is term else other for other in robot.friction.terms])
 
 
 def _columns(robot: Robot, joint: int, speeds: Array, load: Array) -> dict[str, Array]:

@@ -326,10 +326,18 @@ def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Window) ->
         return np.asarray(
             (near[:, : velocities.size] - near[:, velocities.size :]) / (2.0 * WIDTH_CHANGE * velocities)
         )
-    dq = part.dq[:, [term.joint]]
-    if term.law == "atan":
-        return np.asarray(-dq / (velocities**2 + dq**2))
-    return np.asarray(_law(robot, term, velocities, part) * 2.0 * dq**2 / velocities**3)
+    sign = direction(robot, part.q, part.dq)[:, [term.joint]]
+    return slope_at(term.law, part.dq[:, [term.joint]], sign, velocities)
+
+
+def slope_at(law: str, dq: Array, sign: Array, velocities: Array | float) -> Array:
+    """Return the derivative of ``atan`` or ``stribeck`` by its velocity, at joint velocities with their signs; zero of others."""
+    if law == "atan":
+        return np.asarray(-dq / (np.square(velocities) + np.square(dq)))
+    if law != "stribeck":
+        return np.zeros_like(dq)
+    x = np.square(dq / velocities)
+    return np.asarray(sign * np.exp(-x) * 2.0 * x / velocities)
 
 
 def _columns(log: _Along, term: FrictionTerm, velocities: Array, shape: Shape = _law) -> Array:
