@@ -484,8 +484,8 @@ def obeyed(
     tau, q = recording.tau.copy(), recording.q.copy()
     value: Any = remedy.value
     geometry = robot.geometry
-    if remedy.table == "[recording.torque]" and remedy.key in ("sign", "gain"):
-        tau[:, at] /= -1.0 if remedy.action == "turn" else value
+    if remedy.table == "[recording.torque]" and remedy.key in ("sign", "scale"):
+        tau[:, at or slice(None)] /= -1.0 if remedy.action == "turn" else value
     elif (remedy.table, remedy.key) == ("[recording.torque]", "columns"):
         tau[:, at] = tau[:, at[::-1]]
     elif (remedy.table, remedy.key) == ("[recording.position]", "columns"):

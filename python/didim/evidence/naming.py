@@ -49,7 +49,8 @@ REMEDIES: dict[
     str, tuple[Literal["experiment", "robot"], str, str, Literal["set", "turn", "exchange", "divide"]]
 ] = {
     "torque-sign": ("experiment", "[recording.torque]", "sign", "turn"),
-    "drive-gain": ("experiment", "[recording.torque]", "gain", "divide"),
+    # Every unit takes `scale`, and `gain` is for currents and voltages alone.
+    "drive-gain": ("experiment", "[recording.torque]", "scale", "divide"),
     "torque-unit": ("experiment", "[recording.torque]", "scale", "divide"),
     "swapped-torques": ("experiment", "[recording.torque]", "columns", "exchange"),
     "swapped-positions": ("experiment", "[recording.position]", "columns", "exchange"),

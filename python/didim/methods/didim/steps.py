@@ -130,9 +130,7 @@ class SafeSteps:
             recording: thinned(np.concatenate(q), CHECKED_POSITIONS) for recording, q in groups.items()
         }
 
-        def largest(part: Part) -> float:
-            target = iterate.x.copy()
-            target[part.indices] = solved.target[part.indices]
+        def largest(target: Array) -> float:
             return min(
                 safe_step(
                     problem.robot,
@@ -144,7 +142,16 @@ class SafeSteps:
                 for recording, q in positions.items()
             )
 
-        return np.array([largest(part) for part in problem.parts])
+        def of_part(part: Part) -> float:
+            target = iterate.x.copy()
+            target[part.indices] = solved.target[part.indices]
+            return largest(target)
+
+        # Limbs have blocks of M(q) of their own: where the whole step is safe, each of theirs is.
+        every = largest(solved.target)
+        if every == 1.0 or len(problem.parts) == 1:
+            return np.full(len(problem.parts), every)
+        return np.array([of_part(part) for part in problem.parts])
 
 
 class SecantSteps:

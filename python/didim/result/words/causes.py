@@ -139,7 +139,7 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
     ),
     "drive-gain": (
         _gain,
-        "Divide gain under [recording.torque] by {v:.3g} for this joint, or look at its gear ratio",
+        "Divide scale under [recording.torque] by {v:.3g} for this joint (1 where it is not written), or look at its gear ratio",
         "weigh it: log a payload of known mass",
     ),
     "torque-unit": (
