@@ -88,6 +88,7 @@ lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint $(VENV)/.group-docs
 	$(BIN)/ruff format --check
 	$(BIN)/python benches/constant_docstrings.py
 	$(BIN)/python benches/function_sizes.py
+	$(BIN)/python benches/lines.py --measures
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
 	cargo clippy --workspace --all-targets -- -D warnings

@@ -1,10 +1,10 @@
-"""Tables of docs/benchmark.md, from the figures of the study in docs/benchmark.csv.
+"""Tables of docs/choose.md, from the figures of the study in docs/benchmark.csv.
 
     didim study examples/study_tx40.toml -o study_tx40.jsonl --quiet --format csv > docs/benchmark.csv
     python benches/benchmark_page.py docs/benchmark.csv
 
-prints them in markdown. The median torque error on another motion and the coverage of the 95 % intervals are those of the study,
-and so are the numbers of runs. Tested in ``tests/test_benchmark_page.py``.
+prints them in markdown. The median torque error on another motion and the coverage of the 95 % intervals are those of the study.
+Tested in ``tests/test_benchmark_page.py``.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ def read(path: Path) -> list[Row]:
         return list(csv.DictReader(file))
 
 
-def table(rows: list[Row], cell: Callable[[Row], str]) -> str:
+def table(rows: list[Row], cell: Callable[[Row], str], what: str) -> str:
     """One line for each scenario, one column for each method."""
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    lines = ["| scenario | " + " | ".join(methods) + " |", "|---" + "|---:" * len(methods) + "|"]
+    lines = [f"| {what} | " + " | ".join(methods) + " |", "|---" + "|---:" * len(methods) + "|"]
     for scenario in dict.fromkeys(row["scenario"] for row in rows):
         cells = {row["method"]: cell(row) for row in rows if row["scenario"] == scenario}
         lines.append("| " + " | ".join([scenario, *(cells.get(method, "") for method in methods)]) + " |")
@@ -57,16 +57,9 @@ def coverage(row: Row) -> str:
     return f"{100.0 * float(row['coverage']):.0f} ± {half:.0f}"
 
 
-def runs(row: Row) -> str:
-    """Runs, and how many of them did not converge or failed."""
-    still, failed = int(row["not_converged"]), int(row["failed"])
-    notes = [f"{still} open"] * (still > 0) + [f"{failed} failed"] * (failed > 0)
-    return row["runs"] + (f" ({', '.join(notes)})" if notes else "")
-
-
 def tables(rows: list[Row]) -> list[str]:
     """The tables of the page, in order."""
-    return [table(rows, torque_error), table(rows, coverage), table(rows, runs)]
+    return [table(rows, torque_error, "torque error, %"), table(rows, coverage, "coverage, %")]
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 The OpenBLAS inside NumPy and the one inside SciPy choose their kernels by the processor. OPENBLAS_CORETYPE, set for
 the child processes of this script only, chooses another. A child reports the kernels that were really taken, then
 pytest runs the tests of the published figures. At the end the plain recipe of the TX40 log, whose friction of joints 2
-and 3 depends on rounding, is fitted under each kernel: the two tables are those of docs/tx40_recipes.md. The exit status is 0
+and 3 depends on rounding, is fitted under each kernel: the two tables are those of docs/published.md. The exit status is 0
 when every test has passed under every supported kernel and none was skipped.
 """
 

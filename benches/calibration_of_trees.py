@@ -2,7 +2,7 @@
 
     python benches/calibration_of_trees.py [--seeds 30] [--methods idim-ls didim cloe] [--robots dual-arm gripper ...]
 
-The palletiser is that of docs/palletiser.md, the dual arm that of docs/branches.md. The quadruped with its base held, the hand of
+The palletiser and the dual arm are those of docs/mechanisms.md. The quadruped with its base held, the hand of
 four fingers whose tips follow, and the gripper with mimic joints are those of the tests. All logs are two periods of 10 s. One log
 has a single realisation of its noise for all of its parameters, so the uncertainty of each figure is that of its mean over seeds.
 The deviation of the jackknife has 19 degrees of freedom: of an exact one the rms is sqrt(19 / 17) = 1.06.
@@ -54,13 +54,13 @@ def code(page: str, language: str) -> list[str]:
 
 def palletiser() -> tuple[Experiment, Array]:
     page: dict[str, Any] = {"__name__": "palletiser"}
-    exec(compile(code("palletiser.md", "python")[0], "palletiser.md", "exec", dont_inherit=True), page)
+    exec(compile(code("mechanisms.md", "python")[-1], "mechanisms.md", "exec", dont_inherit=True), page)
     log = page["simulated"](None)
     return log, page["truth"](log.robot)
 
 
 def dual_arm() -> tuple[Experiment, Array]:
-    robot, planned = code("branches.md", "toml")
+    robot, planned, *_ = code("mechanisms.md", "toml")
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "dual.toml").write_text(robot)
         path = Path(folder) / "dual_log.toml"

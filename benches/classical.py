@@ -1,4 +1,4 @@
-"""Classical regressions beside weighted least squares: what they are worth. The figures are those of docs/robust.md.
+"""Classical regressions beside weighted least squares: what they are worth. The figures are those of docs/idim_ls.md.
 
     python benches/classical.py [--data FOLDER] [--seeds N]
 

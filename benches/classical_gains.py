@@ -3,7 +3,7 @@
     [diag(i) -W] [K; theta] = t,     rows divided by the noise of their motor
 
 The noisy currents are columns, so ordinary least squares is biased towards small gains: on a simulated UR5e by up to a factor
-of ten (docs/currents.md). Total least squares (Gautier and Briot 2011, 2014) assumes the same noise in every column, but W has
+of ten (docs/several_logs.md). Total least squares (Gautier and Briot 2011, 2014) assumes the same noise in every column, but W has
 none, and its estimates have an unbounded spread. Neither has meaningful standard deviations. Tested in
 ``tests/test_drive_gains.py``.
 """

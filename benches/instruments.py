@@ -3,7 +3,7 @@
     python benches/instruments.py [--seeds N]
 
 simulates the log of the packaged TX40 experiment with the parameters ``didim``, and prints errors in standard deviations of DIDIM
-(``uncertainty = "decimated"``, no fault, rms of all seeds). The table of docs/idim_iv.md is this one.
+(``uncertainty = "decimated"``, no fault, rms of all seeds). The table of docs/idim_ls.md is this one.
 """
 
 from __future__ import annotations

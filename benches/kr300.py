@@ -2,7 +2,7 @@
 
     python benches/kr300.py DATA
 
-takes ``A.mat`` and ``B.mat`` from DATA/kr300 and prints the table of docs/palletiser.md, relative errors in per cent, and the
+takes ``A.mat`` and ``B.mat`` from DATA/kr300 and prints the table of docs/mechanisms.md, relative errors in per cent, and the
 parameters of the spring with their standard deviations in each log. Nothing is chosen by the logs: the geometry is that of the
 maker's drawing, and the moving part is that between the standstills that `didim check` reports.
 """

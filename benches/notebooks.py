@@ -69,6 +69,7 @@ def page(notebook: dict[str, Any], name: str) -> tuple[str, dict[str, bytes]]:
             elif "text/html" in data:
                 # A page of MkDocs takes HTML that stands on one line as it is; lines of preformatted text stay.
                 html = re.sub(r">\s*\n\s*<", "><", "".join(data["text/html"]).strip())
+                html = html.replace(' style="text-align: left"', "")  # as cells are without it
                 html = re.sub(r"<style.*?</style>", "", html, flags=re.DOTALL)
                 # The site has a style for plain tables, and none for those of pandas.
                 html = html.replace(' border="1" class="dataframe"', "")

@@ -8,7 +8,7 @@ runs 4 scenarios of the planar arm with 3 methods on each executor that is insta
 program that runs a study of two processes, and then one of the workers of the next; ``vanished`` kills one of two workers of
 Dask. The SHA-256 of the sorted rows must be the same for all. The overhead is the processor time of everything that is not a
 task, program and workers together, over that of the tasks. ``--tx40`` takes three scenarios and methods of the benchmark instead,
-whose tasks are fifty times as long. The figures are those of docs/large_studies.md.
+whose tasks are fifty times as long. The figures are those of docs/studies.md, Many workers.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 makes a robot of each description as it is written, without snapping, and compares its torques at random states with Pinocchio's,
 over the largest torque of the joint. Folders are searched for URDFs, such as that of the package ``example-robot-data``; of those
 that are refused the reason is printed. With ``--base`` it also counts base parameters as written and snapped, which takes seconds
-for large robots. The figures are those of docs/urdf.md.
+for large robots. The figures are those of docs/robots.md.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 Every case is written into an empty folder and run there as a command, as a user types it: a wrong unit, joints in another order, a
 load that nobody declared. The logs are simulated from seeds: a Staubli TX40 with the packaged parameters, noise on its torques, and
 what the case is about. ``--right N`` adds N right calls from further seeds, none of which may be called wrong. ``--markdown``
-prints the table of docs/validation.md. The package is the one that Python finds, so PYTHONPATH compares versions.
+prints a Markdown table of all sentences. The package is the one that Python finds, so PYTHONPATH compares versions.
 Tested in ``tests/test_wrong_calls.py``, which runs the same cases.
 
 A case of another command is one more entry of `CASES`: a name, a function that writes the files into a folder, and the command.
@@ -461,7 +461,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Wrong calls of the commands that estimate, and right ones.")
     parser.add_argument("--only", nargs="+", default=[], metavar="WORD", help="cases with one of these words")
     parser.add_argument("--right", type=int, default=0, metavar="N", help="further right calls")
-    parser.add_argument("--markdown", action="store_true", help="print a table for docs/validation.md")
+    parser.add_argument("--markdown", action="store_true", help="print a Markdown table of all sentences")
     asked = parser.parse_args()
     all_said = []
     for case in [*CASES, *right_calls(asked.right)]:

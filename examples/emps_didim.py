@@ -1,4 +1,4 @@
-"""Draw what IDIM-LS and DIDIM make of the EMPS: the second picture of docs/emps.md.
+"""Draw what IDIM-LS and DIDIM make of the EMPS: the second picture of docs/published.md.
 
     python examples/emps_didim.py --data FOLDER_OF_THE_MAT_FILE [-o docs/img/emps_didim.png]
 

@@ -1,4 +1,4 @@
-"""Draw the EMPS simulated in closed loop over its recording: the picture of docs/emps.md.
+"""Draw the EMPS simulated in closed loop over its recording: the picture of docs/published.md.
 
     python examples/emps_simulation.py --data FOLDER_OF_THE_MAT_FILE [-o docs/img/emps_simulation.png]
 

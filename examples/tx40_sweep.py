@@ -2,7 +2,7 @@
 
     python examples/tx40_sweep.py --data FOLDER_OF_THE_CSV_FILES
 
-prints the table of docs/tx40_recipes.md in half a minute. The log is cut into six parts of 1.5 s. Each is left out
+prints the table of docs/published.md in half a minute. The log is cut into six parts of 1.5 s. Each is left out
 once: the other five are fitted, and the torques of the part left out are predicted. The arm moves in parts 1
 to 5 and rests in part 6.
 """

@@ -17,10 +17,10 @@ from scripts import script
 
 
 def test_the_tables_are_those_of_the_figures(project: Path) -> None:
-    page = (project / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    page = (project / "docs" / "choose.md").read_text(encoding="utf-8")
     bench = script(project / "benches" / "benchmark_page.py")
     made = bench.tables(bench.read(project / "docs" / "benchmark.csv"))
-    assert len(made) == 3
+    assert len(made) == 2
     for table in made:
         assert table in page
     spec = load_study(project / "examples" / "study_tx40.toml")
@@ -32,7 +32,7 @@ def test_the_tables_are_those_of_the_figures(project: Path) -> None:
 
 def test_the_noise_of_the_torque_is_as_the_page_says(project: Path) -> None:
     spec = load_study(project / "examples" / "study_tx40.toml")
-    page = (project / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    page = (project / "docs" / "choose.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| (1e-\d) \| ([^|]+) \| ([^|]+) \|$", page, flags=re.M)
     assert len(table) == 3
     for level, noise, ratio in table:

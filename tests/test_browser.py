@@ -45,7 +45,7 @@ FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader
 VIEWS = [(width, scheme) for width in (1280, 400) for scheme in ("light", "dark")]
 SITE = {
     "home page": "index.html",
-    "gallery": "gallery.html",
+    "gallery": "results.html",
     "notebook page": "notebooks/first_fit.html",
     "documentation": "first_log.html",
 }

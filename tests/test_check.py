@@ -484,7 +484,7 @@ def test_findings_as_json(log: Log, tmp_path: Path) -> None:
 def test_real_logs(project: Path, shared: Path) -> None:
     assert not check(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     assert not check(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
-    # The arm rests: without a dead zone the noise decides (docs/tx40_recipes.md).
+    # The arm rests: without a dead zone the noise decides (docs/published.md).
     item = alone(
         check(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40"),
         "standstill",

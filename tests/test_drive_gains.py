@@ -241,7 +241,7 @@ def test_a_load_that_a_joint_does_not_feel_leaves_its_gain_unknown() -> None:
 
 @pytest.mark.slow
 def test_a_real_ur10e_pair_of_currents(shared: Path) -> None:
-    """The gains of an independent prototype, and the mass of the load with these (docs/currents.md)."""
+    """The gains of an independent prototype, and the mass of the load with these (docs/several_logs.md)."""
     file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
     experiment = didim.load_experiment(file, data=shared / "data" / "ur10e")
     fit = didim.identify(experiment, didim.IDIMLS())

@@ -13,8 +13,8 @@ from scripts import script
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (
-    "conventions", "idim_ls", "idim_iv", "didim", "cloe", "physical", "friction", "uncertainty", "simulation",
-    "controllers", "excitation",
+    "conventions", "idim_ls", "didim", "cloe", "physical", "friction", "uncertainty", "simulation",
+    "keys", "excitation",
 )  # fmt: skip
 
 

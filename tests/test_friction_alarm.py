@@ -207,7 +207,7 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_of_positions_is_no_friction(project: Path, seed: int) -> None:
-    """The dual arm of docs/branches.md: noise of 1e-5 rad at 500 Hz is in the residual and in the errors of sampling."""
+    """The dual arm of docs/mechanisms.md: noise of 1e-5 rad at 500 Hz is in the residual and in the errors of sampling."""
     bench = script(project / "benches" / "calibration_of_trees.py")
     clean, _ = bench.dual_arm()
     fit = didim.identify(bench.measured(clean, seed), didim.IDIMLS())

@@ -51,6 +51,15 @@ def test_what_a_page_names_exists(page: Path) -> None:
             assert function in functions(ROOT / file), f"{file}::{function}"
 
 
+def test_the_changelog_has_one_short_line_a_change() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert [line for line in text.splitlines() if len(line) > 120] == []
+    assert len(text.encode()) <= 15_000
+    headings = re.findall(r"^## \[(.*?)\]", text, flags=re.MULTILINE)
+    assert headings[0] == "Unreleased"
+    assert didim.__version__ in headings
+
+
 def test_the_gallery_draws_what_its_blocks_draw() -> None:
     gallery = script(ROOT / "docs" / "hooks" / "gallery.py")
     page = "```python\nfrom didim.plot.style import new_figure\n```\n\n```python\nfigure = new_figure(1.0)\n```\ntext"
@@ -58,7 +67,8 @@ def test_the_gallery_draws_what_its_blocks_draw() -> None:
     assert page[end:] == "\ntext"
     assert picture.startswith("<figure>")
     assert 'aria-label="figure = new_figure(1.0)"' in picture
-    blocks = gallery.BLOCK.findall((ROOT / "docs" / gallery.PAGE).read_text(encoding="utf-8"))
+    text = (ROOT / "docs" / gallery.PAGE).read_text(encoding="utf-8")
+    blocks = gallery.BLOCK.findall(text.partition(gallery.HEADING)[2])
     assert sum("figure = " in block for block in blocks) == 12
     assert all(len(block.splitlines()) <= 10 for block in blocks)
 
@@ -144,14 +154,25 @@ def test_the_page_on_the_api_has_every_public_name() -> None:
             assert hasattr(thing, member), f"{path}.{member}"
 
 
-def test_the_home_page_and_the_menu_name_every_page() -> None:
-    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").glob("*.md")}
-    assert pages - {"index.md"} == {
-        link for link in re.findall(r"\]\(([^)]+\.md)\)", text) if "/" not in link
+def test_the_home_page_and_the_menu_have_every_page_by_its_title() -> None:
+    folder = ROOT / "docs"
+    titles = {
+        page.relative_to(folder).as_posix(): page.read_text(encoding="utf-8").partition("\n")[0].strip("# `")
+        for page in folder.rglob("*.md")
     }
-    assert pages == set(re.findall(r": (\w+\.md)$", menu, flags=re.MULTILINE))
+    titles["index.md"] = "Home"
+    assert len(titles) <= 32
+    menu = re.findall(
+        r'- "?(.*?)"?: (\S+\.md)$', (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.M
+    )
+    assert {place: title for title, place in menu} == {
+        place: title.replace("`", "") for place, title in titles.items()
+    }
+    home = re.findall(
+        r"^\| \[(.*?)\]\(([^)]+\.md)\) \|", (folder / "index.md").read_text(encoding="utf-8"), flags=re.M
+    )
+    rows = {place: title.replace("`", "") for title, place in home}
+    assert {**rows, "index.md": "Home"} == {place: title for title, place in menu}
 
 
 def test_the_tables_of_methods_are_that_of_the_package() -> None:

@@ -87,8 +87,9 @@ def test_the_method_of_contributing_is_a_method(
     monkeypatch.chdir(stranger)
     log = didim.load_experiment(arm, data=arm.parent / "data")
     fit, plain = didim.identify(log, "stranger_method:Ordinary"), didim.identify(log, didim.IDIMLS)
-    np.testing.assert_array_equal(fit.beta, plain.beta)
-    np.testing.assert_array_equal(fit.covariance, plain.covariance)
+    # Sums of products are rounded as the places of their arrays in memory have it.
+    np.testing.assert_allclose(fit.beta, plain.beta, rtol=1e-12)
+    np.testing.assert_allclose(fit.covariance, plain.covariance, rtol=1e-11)
     assert identify_arm(arm, "--method", "stranger_method:Ordinary") == 0
     assert capsys.readouterr().out == f"{fit}\n"
     assert identify_arm(arm, "--solver", "stranger_solver:LeastAbsolute") == 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +136,16 @@ def test_its_make_targets_exist() -> None:
     assert targets == ["demo", "test", "wheel"]
     for target in targets:
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+
+
+def test_the_records_for_citations_have_the_version_of_the_package() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    citation = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), flags=re.M)
+    assert citation is not None
+    records = [
+        json.loads((ROOT / name).read_text(encoding="utf-8")) for name in ("codemeta.json", ".zenodo.json")
+    ]
+    assert [citation[1], *(record["version"] for record in records)] == [version] * 3
 
 
 def test_the_paper_cites_what_its_bibliography_has() -> None:

@@ -1,4 +1,4 @@
-"""Declared keys: every key that a reader asks for has a row, every row is read, and the pages are current."""
+"""Declared keys: every key that a reader asks for has a row, every row is read, and the page of keys has it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,10 +17,11 @@ import didim
 from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.cli.main import main
-from didim.cli.schema import FILES, SETTINGS, SHAPES, json_schema
+from didim.cli.schema import FILES, SETTINGS, SHAPES, json_schema, page
 from didim.excitation.settings_file import read_excitation
 from didim.monte_carlo.spec import load_study
 from didim.robot.robot_file import PACKAGED
+from scripts import script
 
 PACKAGE = PACKAGED.parents[1]
 SAMPLES = Path(__file__).parent / "schema"
@@ -131,27 +133,21 @@ def test_every_key_has_a_type_and_a_sentence(file: str) -> None:
             assert key.type in SHAPES or key.type in ("table", "array of tables"), key.name
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_the_page_is_current(project: Path, file: str) -> None:
-    """Else run ``python benches/reference_pages.py``."""
-    import sys
-
-    sys.path.insert(0, str(project / "benches"))
-    try:
-        from reference_pages import PAGES, text
-    finally:
-        sys.path.pop(0)
-    now = PAGES[file].read_text(encoding="utf-8")
-    assert now == text(file, now)
+def test_the_page_of_keys_has_every_table(project: Path) -> None:
+    hook = script(project / "docs" / "hooks" / "keys.py")
+    text = (project / "docs" / hook.PAGE).read_text(encoding="utf-8")
+    made = hook.on_page_markdown(text, page=SimpleNamespace(file=SimpleNamespace(src_uri=hook.PAGE)))
+    assert all(f"## The {file} file\n\n{page(file)}" in made for file in FILES)
+    other = SimpleNamespace(file=SimpleNamespace(src_uri="index.md"))
+    assert hook.on_page_markdown(text, page=other) == text
 
 
-def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str], project: Path) -> None:
-    pages = [(project / "docs" / f"{file}_keys.md").read_text(encoding="utf-8") for file in FILES]
+def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     printed = capsys.readouterr().out
-    assert printed == "\n".join(f"## The {page.split('## The ', 1)[1]}" for page in pages)
+    assert printed == "\n".join(f"## The {file} file\n\n{page(file)}" for file in FILES)
     assert main(["schema", "robot"]) == 0
-    assert capsys.readouterr().out in pages[0]
+    assert capsys.readouterr().out == f"## The robot file\n\n{page('robot')}"
     assert main(["schema", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["$schema"] == json_schema("robot")["$schema"]

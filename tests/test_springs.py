@@ -220,11 +220,11 @@ def test_c_has_the_torques_of_springs(tmp_path: Path) -> None:
 
 
 def palletiser() -> dict[str, Any]:
-    """Run the block of docs/palletiser.md; the names it makes."""
-    text = (ROOT / "docs" / "palletiser.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    """Run the block of docs/mechanisms.md; the names it makes."""
+    text = (ROOT / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    *_, code = re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {"__name__": "palletiser"}
-    exec(compile(code, "docs/palletiser.md", "exec", dont_inherit=True), names)
+    exec(compile(code, "docs/mechanisms.md", "exec", dont_inherit=True), names)
     return names
 
 

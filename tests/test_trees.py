@@ -360,9 +360,9 @@ def test_a_tree_is_described_with_what_its_joints_stand_on(
 def test_the_page_on_trees_is_run(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (project / "docs" / "branches.md").read_text(encoding="utf-8")
-    robot, planned = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
-    (block,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    page = (project / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    robot, planned, *_ = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    block, *_ = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     (tmp_path / "dual.toml").write_text(robot)
     (tmp_path / "dual_log.toml").write_text(planned)
     monkeypatch.chdir(tmp_path)
@@ -394,7 +394,7 @@ def test_the_commands_of_legs_in_the_air(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On a twin of the page's robot: twelve joints, trunk held, and a leg alone with the errors that it has in the whole."""
-    page = (project / "docs" / "branches.md").read_text(encoding="utf-8")
+    page = (project / "docs" / "mechanisms.md").read_text(encoding="utf-8")
     section = page.partition("## Legs in the air")[2].partition("\n## ")[0]
     commands = [
         line.partition("#")[0].split() for line in re.findall(r"^    didim (.*)$", section, re.MULTILINE)

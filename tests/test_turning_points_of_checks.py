@@ -235,7 +235,7 @@ def test_limits_of_the_robot(times: float, told: int, advice: str) -> None:
 
 def test_five_gaps_are_told_one_by_one() -> None:
     faults = [
-        ("log", TimeFault(kind="gap", sentence=f"log.csv: gap {k}", sample=k, rate_hz=100.0))
+        ("log", TimeFault(file="log.csv", kind="gap", sentence=f"log.csv: gap {k}", sample=k, rate_hz=100.0))
         for k in range(12)
     ]
     found = time_findings(faults)

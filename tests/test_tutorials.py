@@ -1,4 +1,4 @@
-"""The commands of docs/first_log.md, new_robot.md, payload.md and studies.md run in their order and print what the pages say."""
+"""The commands of docs/first_log.md, robots.md, tool.md and studies.md run in their order and print what the pages say."""
 
 from __future__ import annotations
 
@@ -35,6 +35,11 @@ def run(command: str, code: int = 0) -> None:
         return
     assert program == "didim"
     assert main(arguments) == code, command
+
+
+def section(page: Path, title: str) -> str:
+    """Return the text of a page below a heading, to the next one of its kind."""
+    return page.read_text(encoding="utf-8").partition(f"\n## {title}\n")[2].partition("\n## ")[0]
 
 
 def commands(text: str) -> list[str]:
@@ -132,8 +137,8 @@ def test_from_a_log_to_parameters(
 
 @pytest.mark.slow
 def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = project / "docs" / "new_robot.md"
-    text = page.read_text(encoding="utf-8")
+    page = project / "docs" / "robots.md"
+    text = section(page, "A new robot, without Python")
     monkeypatch.chdir(tmp_path)
     base, simulate, init, check, identify, by_didim = (
         command
@@ -184,8 +189,8 @@ def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: 
 def test_a_gripper_from_two_logs(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = project / "docs" / "payload.md"
-    text = page.read_text(encoding="utf-8").partition("## Several logs in one fit")[0]
+    page = project / "docs" / "tool.md"
+    text = section(page, "A gripper, from two logs")
     printed = walked("payload", text, tmp_path)
     assert printed["didim check free.toml"] == "free: nothing found.\n"
     fits = [
@@ -218,7 +223,7 @@ def test_a_gripper_from_two_logs(
 @pytest.mark.slow
 def test_two_methods_and_two_encoders(project: Path, tmp_path: Path) -> None:
     page = project / "docs" / "studies.md"
-    text = page.read_text(encoding="utf-8").partition("## The file")[0]
+    text = section(page, "Two methods and two encoders")
     printed = walked("study", text, tmp_path)
     *_, check, identify = printed.values()
     assert check == "log: nothing found.\n"

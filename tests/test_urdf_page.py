@@ -1,4 +1,4 @@
-"""The page on URDFs: its options are those of the commands, its example of a table is read."""
+"""The pages on robots and exports: their options are those of the commands, the example of a table is read."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ from didim.robot.correspondence import read_correspondence
 
 @pytest.fixture
 def page(project: Path) -> str:
-    return (project / "docs" / "urdf.md").read_text(encoding="utf-8")
+    return (project / "docs" / "robots.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("command", "heading"), [("robot", "## Which joints"), ("export", "## Out")])
-def test_options(page: str, command: str, heading: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "file", "heading"),
+    [("robot", "robots", "## Which joints"), ("export", "export", "## Options")],
+)
+def test_options(
+    project: Path, command: str, file: str, heading: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (project / "docs" / f"{file}.md").read_text(encoding="utf-8")
     with pytest.raises(SystemExit):
         main([command, "--help"])
     known = set(re.findall(r"^  (?:-o, |-\w FILE, )?(--[\w-]+)", capsys.readouterr().out, flags=re.MULTILINE))

@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-PAGE = "gallery.md"
+PAGE = "results.md"
+HEADING = "\n## Gallery\n"
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -33,7 +34,8 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     from didim.report.page import PICTURE_STYLE
 
     text, end = "", 0
-    for place, html in drawn(markdown):
-        text += f"{markdown[end:place]}\n\n{html}"
+    before, heading, gallery = markdown.partition(HEADING)
+    for place, html in drawn(gallery):
+        text += f"{gallery[end:place]}\n\n{html}"
         end = place
-    return f"{text}{markdown[end:]}\n\n<style>\n{PICTURE_STYLE}</style>\n"
+    return f"{before}{heading}{text}{gallery[end:]}\n\n<style>\n{PICTURE_STYLE}</style>\n"

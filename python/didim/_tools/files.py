@@ -56,6 +56,14 @@ def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = 
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
 
 
+def path_from(folder: Path, path: str | Path) -> str:
+    """Return a path as a file in `folder` names it, with slashes; the whole path on another drive of Windows."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(path).absolute().as_posix()
+
+
 def keep_sources(path: Path, made_of: Iterable[str]) -> None:
     """Refuse to overwrite a file whose SHA-256 is one of these inputs (``test_outputs.py``)."""
     digests = frozenset(made_of)
@@ -143,9 +151,11 @@ def _require_folder(path: Path, target: Path) -> None:
 
 def _write_to_pipe(path: Path, data: bytes) -> None:
     """Write to a pipe or a terminal; a pipe without a reader is an error (ENXIO) instead of a wait without end."""
-    handle = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
+    impatient = getattr(os, "O_NONBLOCK", 0)  # Windows has none
+    handle = os.open(path, os.O_WRONLY | impatient)
     with os.fdopen(handle, "wb") as file:
-        os.set_blocking(handle, True)
+        if impatient:
+            os.set_blocking(handle, True)
         file.write(data)
 
 

@@ -1,4 +1,4 @@
-"""Declared keys as text: the pages of keys (``docs/robot_keys.md`` and others), JSON schemas for editors, and lists for terminals.
+"""Declared keys as text: the page of keys (``docs/keys.md``), JSON schemas for editors, and lists for terminals.
 
 The declarations are the rows of ``packaged/schema`` (`didim._tools.keys`). Tested in ``tests/test_reference_pages.py``.
 """

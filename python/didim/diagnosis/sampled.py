@@ -35,7 +35,7 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
                         sentence=fault.sentence + more,
                         advice=ADVICE[kind],
                         recording=recording,
-                        file=fault.sentence.split(":", 1)[0],
+                        file=fault.file,
                         sample=fault.sample,
                         value=fault.rate_hz if kind == "rate" else None,
                     )

@@ -18,7 +18,7 @@ LONG_S = 0.1
 """Shortest standstill (s): a reversal takes less."""
 LARGEST_SHARE = 0.05
 """Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log
-(docs/tx40_recipes.md)."""
+(docs/published.md)."""
 
 
 def check_standstill(robot: Robot, parts: list[Window]) -> list[Finding]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._tools.files import check_output, write_atomically
+from .._tools.files import check_output, path_from, write_atomically
 from .._tools.keys import declared
 from .._tools.toml import Table, quoted
 from .._tools.words import counted, did_you_mean, listing, one_line, percent_text, series
@@ -336,7 +335,7 @@ def _named(robot: str, path: Path) -> str:
     """Return the robot's name for the experiment: a path is relative to the experiment file."""
     if (PACKAGED / f"{robot}.toml").is_file():
         return robot
-    return Path(os.path.relpath(robot, path.parent)).as_posix()
+    return path_from(path.parent, robot)
 
 
 def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str) -> list[str]:

@@ -5,7 +5,6 @@ Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.files import path_from
 from .._tools.inputs import first_lines
 from .._tools.toml import quoted
 from .._tools.words import did_you_mean, listing
@@ -146,7 +146,7 @@ def open_log(
         When an option does not apply to this container.
     """
     data, form = _opened(log, topic)
-    keys = [f"file = {quoted(Path(os.path.relpath(log, beside)).as_posix())}", *form]
+    keys = [f"file = {quoted(path_from(beside, log))}", *form]
     if isinstance(data, CsvFile):
         source = _text(data, keys, robot, log, values_per_sample, alone=alone)
     elif values_per_sample is not None:

@@ -42,6 +42,8 @@ class TimeFault:
     ----------
     kind : {"order", "gap", "uneven", "rate"}
         Time does not increase; samples are missing; steps are uneven; the declared rate differs.
+    file : str
+        Name of the file.
     sentence : str
         Description with file and row.
     sample : int or None
@@ -51,6 +53,7 @@ class TimeFault:
     """
 
     kind: Literal["order", "gap", "uneven", "rate"]
+    file: str
     sentence: str
     sample: int | None
     rate_hz: float
@@ -93,6 +96,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
         row = int(np.argmin(steps > 0.0)) + 1
         yield TimeFault(
             kind="order",
+            file=file,
             sentence=f"{file}: time does not grow from row {row} ({t[row - 1]:.9g} s) to row {row + 1}",
             sample=row - 1,
             rate_hz=1.0 / period if period > 0.0 else float("nan"),
@@ -115,6 +119,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
         )
         yield TimeFault(
             kind="gap" if whole else "uneven",
+            file=file,
             sentence=f"{file}: {cause} after row {row} (t = {t[row - 1]:.9g} s), where the time step is {step:.6g} s "
             f"instead of {period:.6g} s",
             sample=at,
@@ -123,6 +128,7 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
     if rate_hz is not None and abs(rate_hz - measured) > RATE_TOLERANCE * measured:
         yield TimeFault(
             kind="rate",
+            file=file,
             sentence=f"{file}: the time stamps give a sampling rate of {measured:.6g} Hz, "
             f"rate_hz says {rate_hz:.6g} Hz",
             sample=None,

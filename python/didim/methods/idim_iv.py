@@ -53,7 +53,7 @@ class IDIMIV(DIDIMSettings):
     -----
     ``fit.settings["instruments"]`` of the result contains the strength of the instruments, the Durbin-Wu-Hausman test and
     Durbin and Watson's statistic. `didim.contrast` with IDIM-LS and DIDIM shows whether the filter or the controller is wrong
-    (docs/idim_iv.md).
+    (docs/idim_ls.md).
     """
 
     name: ClassVar[str] = "idim-iv"

@@ -34,7 +34,7 @@ class SignalProcessing:
     form : {"sections", "transfer-function"}
         Implementation of the Butterworth filter. Second-order sections are numerically sound. The transfer function is that of
         MATLAB's ``filtfilt(b, a, x)``: at standstill its rounding noise decides the sign of the velocity
-        (docs/tx40_recipes.md), so it is needed to reproduce figures that were computed with it.
+        (docs/published.md), so it is needed to reproduce figures that were computed with it.
     ends : {"second-order", "first-order"}
         Differences at the first and last sample of a window, and extension of the signals beyond them. Second order: one-sided
         differences that are exact for parabolas, and an extension with continuous curvature. First order: differences that,

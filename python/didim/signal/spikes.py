@@ -3,7 +3,7 @@ r"""Spikes in measured torques: detected and replaced before the decimation, whi
 Hampel's filter: a sample that is further from the median of its window than ``threshold`` robust standard deviations is a
 spike, and the median takes its place. The robust standard deviation is ``1.4826`` times the median absolute deviation from
 that median. Source: Hampel (1974); Davies and Gather (1993). After the decimation robust weights cannot detect a spike, because
-it is part of several rows (measured in docs/robust.md).
+it is part of several rows (measured in docs/idim_ls.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 //! for the oldest processor.
 //!
 //! Four and eight lanes are held in the vector registers themselves: left to itself the compiler takes arrays apart and puts only
-//! some of them together again (docs/performance.md).
+//! some of them together again.
 
 use super::sets::Held;
 pub use super::sets::{Fused, Plain, Set};

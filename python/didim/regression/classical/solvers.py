@@ -1,6 +1,6 @@
 """Huber, bisquare and ridge as solvers: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
 
-Each starts from weighted least squares, and uses or replaces its weights per joint. docs/robust.md compares them with least
+Each starts from weighted least squares, and uses or replaces its weights per joint. docs/idim_ls.md compares them with least
 squares. Tested in ``tests/test_robust.py``.
 """
 

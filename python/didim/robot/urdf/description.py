@@ -185,7 +185,7 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...], wher
     if len(values) != len(default) or not all(abs(value) <= LARGEST for value in values):
         wanted = "a number" if len(default) == 1 else f"{len(default)} numbers"
         if "${" in text or "$(" in text:
-            file = where.partition(":")[0]
+            file = where.partition(": ")[0]  # a drive of Windows has a colon, too
             raise RobotError(
                 f"{where} {key} of <{element.tag}> is {text!r}; expand the file first: xacro {file} > arm.urdf"
             )
