@@ -21,13 +21,16 @@ from didim.diagnosis.finding import Findings
 from didim.diagnosis.limits import check_limits
 from didim.errors import FitError
 from didim.evidence.torques import constant_torque_findings
+from didim.loop.reference import Reference
 from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
 from didim.robot.robot import JointLimits
 from didim.signal.window import Window
 from didim.studies.simulated_log import PACKAGED, measured, packaged_experiment, simulated_log
+from friction_logs import subject
 from planted import SIGNAL, Log, log_of, tx40_exact
+from simulated import experiment
 from test_documented import tables
 
 Array = NDArray[np.float64]
@@ -512,7 +515,8 @@ def test_every_kind_is_documented(project: Path) -> None:
     """Those that have words in the table of causes, and those that are named where they are found."""
     rows = tables(project / "docs" / "check.md")["kind observation what to do"]
     named = {name.strip("` ") for row in rows for name in row[0].split(",")}
-    sources = sorted((project / "python" / "didim" / "diagnosis").glob("*.py"))
+    package = project / "python" / "didim"
+    sources = [*sorted((package / "diagnosis").glob("*.py")), package / "evidence" / "standstill.py"]
     own = {kind for path in sources for kind in re.findall(r'kind="([a-z-]+)"', path.read_text("utf-8"))}
     assert {*CAUSES, *own} <= named
     assert named <= {*CAUSES, *own, *WORDS, "payload", "drift", "gap", "uneven-time"}
@@ -672,3 +676,41 @@ def test_limits_of_many_joints_are_one_line() -> None:
     far = check_limits(replace(log, robot=robot), [replace(part(6), q=100.0 * q)])
     (item,) = [each for each in far if each.kind == "range"]
     assert item.joints == (1, 2, 3, 4, 5, 6)
+
+
+def stop_and_go(seed: int, dead_zone: float = 0.0) -> Experiment:
+    """Return a log whose arm stops for half a second in every 1.5 s, held by half of the friction of its last motion."""
+    plain, x, rate_hz = didim.load_robot("planar2"), subject().x, 500.0
+    t = np.arange(int(20.0 * rate_hz)) / rate_hz
+    pace = np.clip(1.5 * np.sin(2.0 * np.pi * t / 1.5) + 0.6, 0.0, 1.0)
+    reference = Reference.random_fourier(harmonics=10, period_s=10.0, seed=seed, **subject().motion)
+    q, dq, ddq = reference.at(np.cumsum(pace) / rate_hz % 10.0)
+    faster = (np.gradient(pace) * rate_hz)[:, None]
+    dq, ddq = dq * pace[:, None], ddq * pace[:, None] ** 2 + dq * faster
+    tau = didim.inverse_dynamics(plain, q, dq, ddq, x)
+    for k in np.flatnonzero(pace == 0.0):
+        tau[k] += 0.5 * subject().fc * np.sign(dq[np.flatnonzero(pace[:k])[-1]])
+    rng = np.random.default_rng(seed)
+    q, tau = (
+        values + size * rng.standard_normal(q.shape)
+        for values, size in ((q, 2e-6), (tau, 0.05 * subject().fc))
+    )
+    recording = Recording.from_arrays(q, tau, rate_hz=rate_hz, name="log")
+    signal = SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,))
+    zoned = replace(plain, friction=replace(plain.friction, dead_zone=(dead_zone,) * plain.n_dof))
+    return experiment(zoned, recording, signal=signal)
+
+
+def test_the_verdict_knows_the_standstill_of_check() -> None:
+    """It is doubtful where parameters move without the rows at rest, and a dead zone heals it."""
+    log = stop_and_go(1)
+    assert "standstill" in {item.kind for item in check(log)}
+    (found,) = [item for item in didim.identify(log).verdict.reasons if item.code == "standstill"]
+    assert found.grade == "doubtful"
+    assert found.facts["sigmas"] > 3.0
+    assert found.joints == (1, 2)
+    healed = stop_and_go(1, 0.01)
+    assert "standstill" not in {item.kind for item in check(healed)}
+    assert "standstill" not in {item.code for item in didim.identify(healed).verdict.reasons}
+    (slight,) = [item for item in didim.identify(stop_and_go(2)).verdict.reasons if item.code == "standstill"]
+    assert slight.grade == "note"

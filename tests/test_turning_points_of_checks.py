@@ -18,10 +18,10 @@ from didim.diagnosis.check import FEWEST_SPIKES, _causes
 from didim.diagnosis.limits import check_limits
 from didim.diagnosis.reference import _joint, _quiet, _recording
 from didim.diagnosis.sampled import time_findings
-from didim.diagnosis.standstill import check_standstill
 from didim.evidence.hypotheses.hypothesis import best_factor
 from didim.evidence.lasting import joint_delay_findings
 from didim.evidence.residual import spike_findings
+from didim.evidence.standstill import check_standstill
 from didim.log.sampling import TimeFault
 from plain import stub
 

@@ -25,6 +25,7 @@ from ..evidence.loop.law import Recovered, loop_findings, recovered
 from ..evidence.naming import cause_findings
 from ..evidence.residual import spike_findings
 from ..evidence.rows import LogRows
+from ..evidence.standstill import check_standstill
 from ..evidence.torques import constant_torque_findings
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import load_experiment
@@ -49,7 +50,6 @@ from .finding import Findings
 from .limits import check_limits, check_torque_unit
 from .reference import check_reference
 from .sampled import time_findings
-from .standstill import check_standstill
 
 FEWEST_SPIKES = 3
 """Smallest number of a joint's spikes that is reported; a single sample changes no estimate."""

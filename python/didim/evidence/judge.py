@@ -34,6 +34,7 @@ from .loop.simulated import MotionComparison, simulated_findings
 from .naming import cause_findings
 from .residual import Residual, held_out_findings, residual_of, size_findings, spike_findings
 from .rows import LogRows
+from .standstill import check_standstill
 from .thresholds import NEGLIGIBLE, READ_OTHERWISE
 from .torques import TORQUE_CODES, constant_torque_findings
 from .uses import uses_of
@@ -147,6 +148,7 @@ def _along(
     findings = [*findings, *size_findings(residual, growth, chosen="friction" in fit.settings)]
     if measured is not by_law:
         findings += spike_findings(parts, signal)
+        findings += check_standstill(measured.robot, parts, rows, fit)
     if not system_tested:
         own = None if by_law is None else _residual(by_law, fit)
         findings += _lasting(residual, fit) if own is None else _lasting(own, replace(fit, uncertainty=None))
