@@ -245,7 +245,9 @@ def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:
     assert any("% of the torques, which is more than friction" in remark for remark in fit.remarks)
 
 
-def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block() -> None:
+def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     robot = planar(dead_zone=0.02)
     x = parameters(robot)
     job = didim.IDIMLS().job(log(robot, x))
@@ -255,9 +257,15 @@ def test_nothing_is_chosen_where_the_rest_of_the_log_does_not_determine_a_block(
     tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
     tau += 0.01 * np.random.default_rng(0).standard_normal(tau.shape)
     part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
+    assert choose_terms(job.model, [part], job.signal, solver(job)).friction.terms == ()
+    # Robots that can exist predict this block, so the limit is not reached.
+    monkeypatch.setattr("didim.regression.friction.choice.LARGEST_EXTRAPOLATION", 1.0)
     choice = choose_terms(job.model, [part], job.signal, solver(job))
+    assert choice.refused == "extrapolation"
     assert choice.friction.terms == ()
     assert not choice.friction.auto
+    (remark,) = FoundFriction(velocities=(), choice=choice).remarks()
+    assert "far more than the fit: the rest of the log does not determine them" in remark
 
 
 @pytest.mark.usefixtures("without_alarm")
@@ -475,7 +483,9 @@ def test_the_choice_on_the_ur10e(shared: Path) -> None:
     assert 100.0 * plain.overall_relative_error == pytest.approx(3.63, abs=0.02)
     assert fit.overall_relative_error < (1.0 - 1.0 / 3.0) * plain.overall_relative_error
     assert after < (1.0 - 1.0 / 3.0) * before
-    assert {"Fl2", "Fl3", "Fa1"} <= {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    chosen = {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    assert {"Fl2", "Fl3"} <= chosen
+    assert {"Fa1", "Fs1"} & chosen
 
 
 @pytest.mark.slow

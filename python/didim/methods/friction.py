@@ -24,6 +24,12 @@ from ..signal.window import Window
 from .job import Delay
 from .method import Method, MethodSettings
 
+REFUSED = {
+    "misfit": "which is more than friction",
+    "extrapolation": "far more than the fit: the rest of the log does not determine them",
+}
+"""Why no terms were tried."""
+
 
 @dataclass(frozen=True)
 class FoundFriction:
@@ -67,8 +73,9 @@ class FoundFriction:
                 f"held-out blocks support the friction terms {series(terms, 60)} (% of the squared error without each); "
                 f"it falls from {before:.2f} to {after:.2f} %"
                 if terms
-                else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, which is more than friction"
-                if self.choice.misfit
+                else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, "
+                f"{REFUSED[self.choice.refused]}"
+                if self.choice.refused
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
             if untold := [f"{gain.parameter} ({100.0 * gain.shift:.0f} %)" for gain in self.choice.untold]:

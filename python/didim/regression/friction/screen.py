@@ -13,7 +13,7 @@ likelihood, with a variance for each joint. Tested in ``tests/test_friction_choi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -228,6 +228,11 @@ class Screen:
             [[stop - start] * len(system.joints) for start, stop in blocks], dtype=np.float64
         )
 
+    @property
+    def needed(self) -> float:
+        """Smallest gain of a law (nats)."""
+        return max(LEAST_NATS, SMALLEST_GAIN * float(self.counts.sum()))
+
     def error(self, state: State) -> float:
         """Return the relative error of all blocks left out, without weights."""
         squares = float(self.fit(state).squares.sum(axis=0) @ np.square(self.sigma))
@@ -321,7 +326,17 @@ class Screen:
 
     def worth(self, without: State, state: State) -> Worth:
         """Return what the laws of a state beyond those of another take off the errors of the blocks."""
-        before, after, gain = self.fit(without), self.fit(state), self.gains(without, state)
+        return self._worth(self.fit(without), self.fit(state))
+
+    def beside(self, other: Screen) -> Worth:
+        """Return what another system of the same log takes off the errors of the blocks, both without candidates."""
+        own, its = self.fit(State()), other.fit(State())
+        # Windows with a delay may have some rows less.
+        scale = np.square(other.sigma / self.sigma) * self.counts / np.maximum(other.counts, 1.0)
+        return self._worth(own, replace(its, squares=its.squares * scale))
+
+    def _worth(self, before: _Fit, after: _Fit) -> Worth:
+        gain = gained(before.squares, after.squares, self.counts)
         moved = np.linalg.norm(after.torque - before.torque) / max(
             np.linalg.norm(before.torque), np.finfo(float).tiny
         )
@@ -334,7 +349,7 @@ class Screen:
         """Whether gains of the blocks, (n_blocks,), justify a law."""
         return bool(
             significance(gain) > LEAST_SIGNIFICANCE
-            and gain.sum() > max(LEAST_NATS, SMALLEST_GAIN * self.counts.sum())
+            and gain.sum() > self.needed
             and all(part.sum() > 0.0 for part in np.array_split(gain, 3))
         )
 
