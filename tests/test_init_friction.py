@@ -100,6 +100,6 @@ def test_springs_and_refused_laws_have_their_lines() -> None:
         "# Relative error of blocks left out of the fit: 20.00 %, with these laws 10.00 %.",
         "[springs]",
         "linear = [2] # left-out blocks: -50 % squared error; rigid torque elsewhere moves by 40 %",
-        "# Fa1 is seen (gain 12 times its error), and not separated from links and rotors, whose torque elsewhere would move by 34 %: "
-        "record more combinations of poses.",
+        "# Fa1 is seen (gain 12 times its error), and not separated from links and rotors, whose torque elsewhere would move "
+        "by 34 %: record more combinations of poses.",
     ]

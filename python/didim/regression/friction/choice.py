@@ -41,6 +41,8 @@ DELAY_GAIN = 10.0
 """Smallest gain of a delay, in gains that a law needs: obeyed below it, delays of six real logs made other logs worse."""
 NEAR_REST = (0.005, 0.01, 0.02, 0.05)
 """Speeds (rad/s) of a smooth sign, or of a dead zone, that are tried where the robot's sign has neither."""
+AS_GOOD = 1.01
+"""Ratio of errors of blocks left out up to which friction near rest is preferred to laws: it has no parameters."""
 ROUNDS = 8
 """Upper bound of the rounds, each of which adds up to two laws to every joint."""
 
@@ -155,11 +157,17 @@ def first_fit(  # many parameters: those of choose_terms
     FitError
         As `choose_terms` (``test_init_friction.py``).
     """
-    say("choosing friction near rest")
-    parts = windows(0.0)
-    model, rest = _near_rest(model, parts, signal, solve)
     say("choosing friction laws by blocks left out")
+    parts, rest = windows(0.0), None
     choice = choose_terms(model, parts, signal, solve, resolved)
+    if choice.refused:  # what this log lacks is not friction
+        return FirstFit(choice=choice)
+    if not choice.friction.held:
+        say("choosing friction near rest")
+        smooth, found = _near_rest(model, parts, signal, solve)
+        other = choose_terms(smooth, parts, signal, solve, resolved) if found else choice
+        if found and other.held_out_after <= AS_GOOD * choice.held_out_after:
+            model, choice, rest = smooth, other, found
     say("looking for a delay of the torques beside this friction")
     samples, worth = _delayed(model, choice, windows, signal, solve, 0.0)
     if worth is None:
@@ -176,7 +184,7 @@ def _near_rest(
     """Return the model with the smoothing or the dead zone that blocks left out support most; that of its robot without any."""
     robot, elsewhere = model.own, Elsewhere(parts)
     friction = robot.friction
-    if friction.coulomb != "sign" or any(friction.dead_zone) or friction.held:
+    if friction.coulomb != "sign" or any(friction.dead_zone):
         return model, None
 
     def screened(one: Model) -> Screen:
