@@ -75,19 +75,17 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
         what = fit.rest.parameter
         speeds = dict(zip(robot.joint_kinds, getattr(friction, what), strict=True))
         units = {"revolute": "rad_s", "prismatic": "m_s"}
-        reason = _gains([fit.rest])
-        tables["friction"].append(f'coulomb = "{friction.coulomb}"')
-        tables["friction"] += [
-            f"{what}_{units[kind]} = {speed:g} # {reason}" for kind, speed in speeds.items()
-        ]
+        tables["friction"] += [f"# {_gains([fit.rest])}", f'coulomb = "{friction.coulomb}"']
+        tables["friction"] += [f"{what}_{units[kind]} = {speed:g}" for kind, speed in speeds.items()]
     for law, key in (*KEYS.items(), ("spring", "linear")):
         terms = sorted((term for term in chosen if term.law == law), key=lambda term: term.joint)
         if terms:
             joints = {term.joint + 1 for term in (*terms, *robot.friction.terms) if term.law == law}
-            reason = _reason(robot, terms, [worth[term.parameter] for term in terms])
-            tables["springs" if law == "spring" else "friction"].append(
-                f"{key} = {quoted(sorted(joints))} # {reason}"
-            )
+            reason = _gains([worth[term.parameter] for term in terms])
+            tables["springs" if law == "spring" else "friction"] += [
+                *_scales(robot, terms),
+                f"{key} = {quoted(sorted(joints))} # {reason}",
+            ]
     lines = (
         [f"# Relative error of blocks left out of the fit: {before}, with these laws {after}."]
         if chosen
@@ -99,19 +97,23 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
 
 
 def _gains(gains: Sequence[TermGain]) -> str:
-    squares = series([f"{-100.0 * gain.gain:.2g}" for gain in gains], 60)
-    shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 60)
+    squares = series([f"{-100.0 * gain.gain:.2g}" for gain in gains], 40)
+    shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 40)
     return f"left-out blocks: {squares} % squared error; rigid torque elsewhere moves by {shifts} %"
 
 
-def _reason(robot: Robot, terms: Sequence[FrictionTerm], gains: Sequence[TermGain]) -> str:
-    reason = _gains(gains)
+def _scales(robot: Robot, terms: Sequence[FrictionTerm]) -> list[str]:
+    """Return a comment on the velocities or displacements of terms of one law, if it has any."""
     per = "" if terms[0].law == "dahl" else "/s"
     units = {"revolute": f"rad{per}", "prismatic": f"m{per}"}
     scales = [
         f"{term.velocity:.3g} {units[robot.joint_kinds[term.joint]]}" for term in terms if term.velocity
     ]
-    return f"{reason}; at {series(scales, 100)}" if scales else reason
+    return (
+        [f"# {KEYS[terms[0].law]}: {series(scales, 100)} by this log, estimated in each fit"]
+        if scales
+        else []
+    )
 
 
 def _refusal(gain: TermGain) -> str:

@@ -80,8 +80,8 @@ class FoundFriction:
             )
             if untold := [f"{gain.parameter} ({100.0 * gain.shift:.0f} %)" for gain in self.choice.untold]:
                 sentences.append(
-                    f"the log does not separate {series(untold, 60)} from links and rotors, whose torque would change along other "
-                    "motion: not added; record more combinations of poses and speeds"
+                    f"the log does not separate {series(untold, 60)} from links and rotors, whose torque it would change elsewhere: "
+                    "record more poses and speeds"
                 )
             if narrowest := self.choice.without_memory:
                 joints = joints_text(sorted(narrowest))

@@ -409,10 +409,11 @@ class _Search:
     def needed(self, state: State) -> State:
         """Return the state without laws that the blocks do not need beside all others, the least first."""
         kept: set[str] = set()
+        last = state
         while True:
             idle: list[tuple[float, Move, State]] = []
             for term, without in self._one_less(state):
-                if term.parameter in kept:  # without another law it gains more
+                if term.parameter in kept:  # most gain more without another law, so all are judged again at the end
                     continue
                 worth = self.screen.worth(without, state)
                 # A sign that is kept adds no parameter, so it stays unless it does harm.
@@ -421,11 +422,14 @@ class _Search:
                     kept.add(term.parameter)
                 else:
                     idle.append((worth.nats, Move(term, worth), without))
-            if not idle:
+            if idle:
+                _, move, state = min(idle, key=lambda one: one[0])
+                if move.worth.supported:
+                    self.refused[law_at(move.term)] = move
+            elif state == last:
                 return state
-            _, move, state = min(idle, key=lambda one: one[0])
-            if move.worth.supported:
-                self.refused[law_at(move.term)] = move
+            else:
+                kept, last = set(), state
 
     def compared(self, state: State) -> tuple[State, dict[str, float]]:
         """Return a state with the better of atan and Stribeck's law at each joint, and rivals' velocities by parameter.
