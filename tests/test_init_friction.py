@@ -62,7 +62,9 @@ def test_a_plain_file_has_no_laws(tmp_path: Path) -> None:
 def test_a_smooth_sign_is_found_and_no_laws_with_it(tmp_path: Path) -> None:
     path, _ = initialise("planar2", written(tmp_path, friction_logs.coulomb))
     text = path.read_text(encoding="utf-8")
-    assert re.search(r"\n\[friction\]\n# left-out blocks: -.*\ncoulomb = \"tanh\"\nsmoothing_rad_s = 0.02\n", text)
+    assert re.search(
+        r"\n\[friction\]\n# left-out blocks: -.*\ncoulomb = \"tanh\"\nsmoothing_rad_s = 0.02\n", text
+    )
     friction = didim.load_experiment(path).robot.friction
     assert (friction.coulomb, friction.smoothing, friction.terms) == ("tanh", (0.02, 0.02), ())
 

@@ -413,7 +413,9 @@ class _Search:
         while True:
             idle: list[tuple[float, Move, State]] = []
             for term, without in self._one_less(state):
-                if term.parameter in kept:  # most gain more without another law, so all are judged again at the end
+                if (
+                    term.parameter in kept
+                ):  # most gain more without another law, so all are judged again at the end
                     continue
                 worth = self.screen.worth(without, state)
                 # A sign that is kept adds no parameter, so it stays unless it does harm.
