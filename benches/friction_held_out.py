@@ -156,7 +156,7 @@ def initialised(robot: str, files: list[Path], options: list[str]) -> didim.Expe
     """Return the experiment that `didim init` makes of a log."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.toml"
-        didim_command(["init", robot, *map(str, files), *options, "-o", str(path)])
+        didim_command(["init", robot, *map(str, files), *options, "--plain", "-o", str(path)])
         return didim.load_experiment(path)
 
 

@@ -327,10 +327,10 @@ PYTHON = (
         "tests/test_friction_alarm.py",
     ),
     Mutation(
-        "a friction term whose gain is not clear is not doubtful",
-        "python/didim/regression/friction/choice.py",
-        "if not move.clear or law_at(move.term) not in recurring",
-        "if law_at(move.term) not in recurring",
+        "a law that moves links and rotors elsewhere is kept",
+        "python/didim/regression/friction/screen.py",
+        'return term.law == "hold" or worth.shift <= LARGEST_SHIFT',
+        "return True",
         "tests/test_friction_choice.py",
     ),
     Mutation(

@@ -215,7 +215,7 @@ def test_a_measured_ur10e_with_a_made_up_controller(shared: Path, tmp_path: Path
     (tmp_path / "free.csv").symlink_to(shared / "data" / "ur10e" / "free.csv")
     gains = ["14.87", "13.26", "11.13", "10.62", "11.03", "11.47"]
     columns = ["--columns", "current=14-19", "--gain", *gains]
-    assert main(["init", "ur10e", str(tmp_path / "free.csv"), *columns]) == 0
+    assert main(["init", "ur10e", str(tmp_path / "free.csv"), *columns, "--plain"]) == 0
     file = tmp_path / "free.toml"
     loop = '\n[controller]\nkind = "made-up"\n[reference]\nkind = "measured"\n'
     file.write_text(file.read_text(encoding="utf-8") + loop, encoding="utf-8")

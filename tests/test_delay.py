@@ -10,6 +10,7 @@ import pytest
 
 import simulated
 from didim import _core
+from didim.diagnosis.check import check
 from didim.errors import FitError
 from didim.experiment.experiment import Experiment
 from didim.log.recording import Recording
@@ -207,9 +208,17 @@ def test_as_many_delays_as_joints(sound: Experiment) -> None:
 
 def test_a_delay_beyond_reach_is_told() -> None:
     robot = load_robot("planar2")
-    exp = simulated.experiment(robot, late_log(robot, 25.0), signal=SIGNAL)
-    with pytest.raises(FitError, match=r"no delay within 10 samples \(20 ms\) .* give compensate_samples"):
+    exp = simulated.experiment(robot, late_log(robot, 60.0), signal=SIGNAL)
+    with pytest.raises(FitError, match=r"no delay within 50 samples \(100 ms\) .* give compensate_samples"):
         identify(exp, IDIMLS(compensate_samples="estimate"))
+
+
+def test_a_log_that_is_50_ms_late_is_searched_again_and_checked() -> None:
+    robot = load_robot("planar2")
+    exp = simulated.experiment(robot, late_log(robot, 25.0, noise=0.02), signal=SIGNAL)
+    fit = identify(exp, IDIMLS(compensate_samples="estimate"))
+    assert fit.delay["estimated_samples"] == pytest.approx(25.0, abs=0.05)
+    assert "delay" in {finding.kind for finding in check(exp)}
 
 
 def test_a_segment_too_short_to_look_for_delays() -> None:

@@ -38,7 +38,7 @@ from didim.regression.consistent.prior import generic_prior, prior_near
 from didim.regression.covariance import Jackknife, autocorrelated, intervals
 from didim.regression.delay import _shared
 from didim.regression.friction.alarm import Along, FrictionAlarm, joint_test, laws_to_test
-from didim.regression.friction.screen import Folds
+from didim.regression.friction.screen import Screen
 from didim.regression.logs.body import _inside
 from didim.regression.logs.load import Load
 from didim.regression.settings import LeastSquaresSettings
@@ -280,10 +280,15 @@ def test_memory_is_tested_with_twenty_steps_of_the_encoder(robot: str, step: flo
     assert any(item.family == "dahl" for item in found) == tested
 
 
-def test_terms_are_judged_on_five_blocks_with_gaps_of_five_rows() -> None:
-    folds = Folds(stub(joints=[slice(0, 100)], joint_blocks=[[Block(rows=slice(0, 100), joint=0)]]))
-    assert folds.blocks == [(0, 20), (20, 40), (40, 60), (60, 80), (80, 100)]
-    assert folds.near == [(0, 25), (15, 45), (35, 65), (55, 85), (75, 100)]
+def test_terms_are_judged_on_ten_blocks_with_gaps_of_five_rows() -> None:
+    """The products of a column of ones count rows."""
+    system = stub(
+        w=np.ones((100, 1)), y=np.ones(100), joints=[slice(0, 100)], counts=np.array([100]), names=("Off1",)
+    )
+    screen = stub(pool=[], n=1, sigma=np.ones(1))
+    Screen._multiply(screen, system)
+    assert [int(held[0][0, 0] * 100.0 + 0.5) for held in screen.held] == [10] * 10
+    assert [int(kept[0, 0] * 100.0 + 0.5) for kept in screen.kept] == [85, *[80] * 8, 85]
 
 
 def beside(**facts: float) -> MotionComparison:

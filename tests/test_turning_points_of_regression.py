@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 import didim
 import didim.regression.consistent.nearest as nearest
 import didim.regression.friction.alarm as alarm
-import didim.regression.friction.screen as screen
 import didim.regression.friction.velocity as velocity
 from didim.regression.classical.instrumental import instrumented
 from didim.regression.classical.robust import reweighted
@@ -24,13 +23,14 @@ from didim.regression.consistent.prior import Prior, generic_prior
 from didim.regression.consistent.solver import Consistent, _inflation
 from didim.regression.delay import _Search
 from didim.regression.friction.candidates import _offers
-from didim.regression.friction.screen import Screen, _Fold, _solved, _State, _Step, clear
+from didim.regression.friction.choice import _Search as _LawSearch
+from didim.regression.friction.screen import Screen, State, Worth
 from didim.regression.gains.maximum_likelihood import expected_sentence
 from didim.regression.least_squares import dependence_sentence, joint_sigma, solve
 from didim.regression.logs.body import nearest_bodies
 from didim.regression.logs.drift import differences
 from didim.regression.logs.load import _load
-from didim.robot.friction import FrictionTerm
+from didim.robot.friction import FrictionTerm, Law
 from didim.terms.rows import Block, LinearSystem, stacked
 from plain import stub
 from test_friction_terms import log, parameters, planar
@@ -47,8 +47,9 @@ def test_instruments_that_depend_on_each_other(apart: float, known: bool) -> Non
 
 def test_dependent_columns_of_a_screen_have_a_ridge() -> None:
     """What rounding leaves in their difference is at most 1e12 times as large."""
-    fold = _Fold(held=np.zeros((3, 3)), fitted=np.ones((3, 3)))
-    first, second = _solved(fold, [0, 1], np.array([1.0 + 1e-9, 1.0]))
+    product = np.ones((3, 3))
+    product[0, 2] += 1e-9
+    (first, second), _ = Screen._solved(stub(size=np.ones(3)), product, [0, 1], None)
     assert first - second == pytest.approx(1e-9 / 1e-12, rel=0.01)
     assert first + second == pytest.approx(1.0)
 
@@ -195,43 +196,59 @@ def test_a_prior_weighs_six_times_as_much_beside_correlated_errors() -> None:
     assert _inflation(LinearSystem(w=w, y=slow, names=("a",), blocks=blocks)) == 6.0
 
 
-@pytest.mark.parametrize(("deviations", "told"), [(2.7, False), (2.86, True)])
+def supports(gain: Array, rows: float = 1000.0) -> bool:
+    screen = stub(counts=np.full((10, 1), rows / 10.0))
+    screen.needed = cast(Any, Screen.needed).fget(screen)
+    return Screen.supported(screen, gain)
+
+
+@pytest.mark.parametrize(("deviations", "told"), [(2.2, False), (2.32, True)])
 def test_a_gain_of_a_law_that_is_clear_of_noise(deviations: float, told: bool) -> None:
-    """The gains of the five blocks do not all have one sign."""
-    pattern = np.array([-4.0, 1.0, 1.0, 1.0, 1.0])
-    change = pattern / pattern.std(ddof=1) + deviations / np.sqrt(5.0)
-    assert clear(change[:, None]).tolist() == [told]
+    pattern = np.array([-1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 0.0, 1.0, -1.0])
+    assert supports(10.0 * (pattern / pattern.std(ddof=1) + deviations / np.sqrt(10.0))) is told
 
 
-@pytest.mark.parametrize(("after", "kept"), [(1.0048, True), (1.0052, False)])
-def test_a_term_must_not_predict_a_recording_worse(
-    after: float, kept: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(screen, "_error", lambda fold, columns: after if 1 in columns else 1.0)
-    found = Screen._keeps_recordings(stub(recordings=[None]), _State([0]), _Step(None, 1, 0.5))
-    assert found is kept
+@pytest.mark.parametrize(
+    ("nats", "rows", "told"), [(2.9, 1e3, False), (3.1, 1e3, True), (19.0, 2e4, False), (21.0, 2e4, True)]
+)
+def test_a_gain_of_a_law_that_is_worth_a_parameter(nats: float, rows: float, told: bool) -> None:
+    assert supports(np.linspace(0.9, 1.1, 10) * nats / 10.0, rows) is told
 
 
-@pytest.mark.parametrize(("share", "steps"), [(0.095, 0), (0.105, 1)])
-def test_a_spring_takes_a_tenth_of_the_error(share: float, steps: int) -> None:
-    rules = stub(_supported=lambda change, before: True, springs=[3])
-    one = np.ones(5)
-    assert len(Screen._steps(rules, one, one, share * one[:, None], [3], None)) == steps
+@pytest.mark.parametrize(("last", "told"), [(-4.1, False), (-3.9, True)])
+def test_a_law_gains_in_each_third_of_a_log(last: float, told: bool) -> None:
+    assert supports(np.array([2.0, 2.1, 1.9, 2.0, 2.0, 2.1, 1.9, 2.0, 2.0, last])) is told
 
 
-def test_chosen_terms_are_refined_three_times() -> None:
-    """Here two velocities are the better one in turn."""
-    best = iter([1, 0] * 10)
-    term = FrictionTerm(law="atan", joint=0, velocity=0.3)
-    calls: list[int] = []
+@pytest.mark.parametrize(
+    ("law", "share", "shift", "told"),
+    [
+        ("atan", 0.5, 0.029, True),
+        ("atan", 0.5, 0.031, False),
+        ("hold", 0.0, 0.5, True),
+        ("spring", 0.095, 0.0, False),
+        ("spring", 0.105, 0.5, True),
+    ],
+)
+def test_a_law_that_the_log_tells_from_links(law: Law, share: float, shift: float, told: bool) -> None:
+    """A spring takes a tenth of the error; a sign that is kept has no parameter."""
+    worth = Worth(nats=10.0, significance=5.0, share=share, shift=shift, supported=True)
+    assert Screen.told(stub(), worth, FrictionTerm(law=law, joint=0)) is told
 
-    def drops(state: object, family: object) -> tuple[Array, Array]:
-        calls.append(1)
-        return np.ones(5), np.tile(np.eye(2)[next(best)], (5, 1))
 
-    pool = [stub(term=term, held=None)] * 2
-    Screen._refined(stub(pool=pool, n=0, _drops=drops, _supported=lambda *given: True), _State([], [0]))
-    assert len(calls) == 3
+def test_the_choice_ends_after_eight_rounds() -> None:
+    """Here each round adds a law."""
+    rounds: list[int] = []
+
+    def pick(state: State, joint: int) -> tuple[float, object]:
+        rounds.append(joint)
+        return 1.0, None
+
+    def added(state: State, change: object) -> State:
+        return State((*state.columns, len(state.columns)))
+
+    search = stub(screen=stub(model=stub(own=stub(n_dof=1))), _pick=pick, _added=added)
+    assert len(_LawSearch.chosen(search, State()).columns) == len(rounds) == 8
 
 
 def test_a_prior_weighs_a_hundredth_of_a_nat_beside_a_log(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 
 from .options import (
@@ -48,6 +49,7 @@ def add(commands: Commands) -> None:
     _add_log(parser)
     tree = parser.add_argument_group("robot of a URDF with several chains")
     add_chain(tree, "that whose joints the log names")
+    add_flag(parser, "--plain", "choose neither friction laws nor a delay")
     add_flag(parser, "--force", "overwrite an existing file")
 
 
@@ -94,6 +96,7 @@ def _add_log(parser: Options) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from .._tools.files import write_atomically
+    from .._tools.progress import ProgressLine
     from .._tools.words import did_you_mean, number_of
     from ..experiment.draft import initialise
     from ..log.units import ESTIMATE
@@ -113,21 +116,24 @@ def run(options: argparse.Namespace) -> int:
         return refuse(f"--gain takes numbers or {ESTIMATE!r}, got {wrong!r}{did_you_mean(wrong, [ESTIMATE])}")
     chain = {"tip": options.tip, "base": options.base, "lock": locked(options) or None, "open": options.open}
     saved = Saved()
-    path, draft = initialise(
-        options.robot,
-        options.logs,
-        options.output,
-        rate_hz=options.rate,
-        columns=chosen["columns"],
-        gains=ESTIMATE if estimated else [number for number in numbers if number is not None],
-        servo={key: getattr(options, key) for key in ("kp", "kv") if getattr(options, key)},
-        sides=chosen["side"],
-        values_per_sample=options.values_per_sample,
-        topic=options.topic,
-        chain=chain if any(chain.values()) else None,
-        force=options.force,
-        write=lambda path, text: saved.save(path, lambda target: write_atomically(target, text)),
-    )
+    with closing(ProgressLine()) as line:
+        path, draft = initialise(
+            options.robot,
+            options.logs,
+            options.output,
+            rate_hz=options.rate,
+            columns=chosen["columns"],
+            gains=ESTIMATE if estimated else [number for number in numbers if number is not None],
+            servo={key: getattr(options, key) for key in ("kp", "kv") if getattr(options, key)},
+            sides=chosen["side"],
+            values_per_sample=options.values_per_sample,
+            topic=options.topic,
+            chain=chain if any(chain.values()) else None,
+            plain=options.plain,
+            force=options.force,
+            write=lambda path, text: saved.save(path, lambda target: write_atomically(target, text)),
+            say=lambda text: line.show(f"init: {text}"),
+        )
     if not saved.failed:
         saved.show(f"{path}: written", exact=True)
     elif saved.lost:

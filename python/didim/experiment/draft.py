@@ -11,6 +11,7 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +34,7 @@ from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
 from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
+from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
@@ -54,8 +56,10 @@ def initialise(  # many parameters: one per option of `didim init`
     values_per_sample: int | None = None,
     topic: str | None = None,
     chain: Mapping[str, Any] | None = None,
+    plain: bool = False,
     force: bool = False,
     write: Callable[[Path, str], None] = write_atomically,
+    say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Path, Draft]:
     """Write an experiment file for a log, or for several of one robot.
 
@@ -86,10 +90,14 @@ def initialise(  # many parameters: one per option of `didim init`
     chain : mapping, optional
         `tip`, `base`, `lock` and `open` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
         joints the log names. The robot is then written beside the experiment file.
+    plain : bool
+        Choose neither friction laws nor a delay.
     force : bool
         Overwrite an existing file.
     write : callable
         Function of path and text that writes the file.
+    say : callable
+        Receiver of sentences on the progress.
 
     Returns
     -------
@@ -117,7 +125,7 @@ def initialise(  # many parameters: one per option of `didim init`
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
     check_closed(model)
-    options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
+    options = DraftOptions(rate_hz, gains, sides or {}, servo or {}, plain=plain)
     _check_options(model, options)
     check_output(path)
     robot_path = path.with_name(f"{path.stem}_robot.toml")
@@ -132,9 +140,9 @@ def initialise(  # many parameters: one per option of `didim init`
     sources = _opened(paths, beside, model, values_per_sample, topic, draft)
     for kind, text in (columns or {}).items():
         choose_columns(sources, kind, text)
-    tables = _tables(model, sources, options, path, draft)
+    tables, friction = _tables(model, sources, options, path, draft, say)
     name = (paths[0] if alone else path).stem
-    head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name)
+    head = _head(model, _named(str(robot_path) if own_file else robot, path), path, paths, name, friction)
     draft.text = _text([*head, *tables], draft.questions)
     if own_file:
         draft.read.insert(
@@ -171,9 +179,17 @@ def _opened(
 
 
 def _tables(
-    robot: Robot, sources: Sequence[LogSource], options: DraftOptions, path: Path, draft: Draft
-) -> list[str]:
-    """Return the lines of the recordings, the transmission and the filters; assumptions and questions go to the draft."""
+    robot: Robot,
+    sources: Sequence[LogSource],
+    options: DraftOptions,
+    path: Path,
+    draft: Draft,
+    say: Callable[[str], None],
+) -> tuple[list[str], list[str]]:
+    """Return the lines of the recordings, the transmission, the filters and the delay, and those of friction.
+
+    Assumptions and questions go to the draft.
+    """
     recorded, assumptions = assembled(sources, robot)
     draft.read += assumptions
     logs = [source for source, _, _ in recorded]
@@ -197,8 +213,14 @@ def _tables(
     draft.read += chosen.draft.read
     draft.questions += chosen.draft.questions
     if all(writer.positions_only for writer in chosen.writers):
-        return [*chosen.lines, *servo_lines(robot, logs, options.servo, draft.read)]
-    return [*chosen.lines, *_signal(chosen.filters, draft, path.name)]
+        return [*chosen.lines, *servo_lines(robot, logs, options.servo, draft.read)], []
+    friction, delay = [], []
+    if chosen.filters is not None and chosen.filters.error is not None and not options.plain:
+        with suppress(DidimError):  # a log that says too little has its plain friction; `identify` says why
+            fit = fitted_friction(robot, chosen.recordings, chosen.filters.signal, say)
+            friction, delay = friction_lines(robot, fit), delay_lines(fit)
+            draft.read += friction_sentences(fit)
+    return [*chosen.lines, *_signal(chosen.filters, draft, path.name), *delay], friction
 
 
 class _Written(NamedTuple):
@@ -338,9 +360,19 @@ def _named(robot: str, path: Path) -> str:
     return path_from(path.parent, robot)
 
 
-def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str) -> list[str]:
+def _head(
+    robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str, friction: Sequence[str]
+) -> list[str]:
     speed = "m_s" if "prismatic" in robot.joint_kinds else "rad_s"
     names = one_line(", ".join(log.name for log in logs))
+    plain = [
+        "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
+        "# [friction]",
+        '# coulomb = "tanh"',
+        f"# smoothing_{speed} = 0.01",
+        '# coulomb = "sign"',
+        f"# dead_zone_{speed} = 0.01",
+    ]
     return [
         f'# Written by `didim init` from {names}. Lines that say "confirm" are guesses;',
         f"# `didim check {one_line(path.name)}` looks for wrong ones.",
@@ -348,12 +380,7 @@ def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str)
         f"name = {quoted(name)}",
         f"robot = {quoted(named)} # {counted(robot.n_dof, 'joint')}{names_of(robot)}",
         "",
-        "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
-        "# [friction]",
-        '# coulomb = "tanh"',
-        f"# smoothing_{speed} = 0.01",
-        '# coulomb = "sign"',
-        f"# dead_zone_{speed} = 0.01",
+        *(friction if any(line.startswith("[") for line in friction) else [*plain, *friction]),
     ]
 
 

@@ -71,6 +71,8 @@ class DraftOptions:
     servo: Mapping[str, Sequence[float]] = field(default_factory=dict)
     ratio: float | None = None
     """Gear ratio of all joints that the torques fit best, if the columns are of motors and the robot has no reduction."""
+    plain: bool = False
+    """Whether neither friction laws nor a delay are chosen."""
 
 
 class RecordingWriter:

@@ -20,14 +20,15 @@ from ..regression.friction.candidates import LEAST_WARMING
 from ..regression.friction.choice import FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..signal.noise import encoder_step
+from ..signal.window import Window
+from .job import Delay
 from .method import Method, MethodSettings
 
 REFUSED = {
-    "misfit": "held-out blocks miss {:.0f} % of the torques, which is more than friction",
-    "extrapolation": "held-out blocks miss {:.0f} % of the torques, far more than the fit: "
-    "the rest of the log does not determine them",
+    "misfit": "which is more than friction",
+    "extrapolation": "far more than the fit: the rest of the log does not determine them",
 }
-"""Why no terms were tried, with the error of the blocks in %."""
+"""Why no terms were tried."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class FoundFriction:
         }
         if self.choice is not None:
             record["chosen"] = [asdict(gain) for gain in self.choice.gains]
+            record["refused"] = [asdict(gain) for gain in self.choice.untold]
             record["untold_memory"] = {
                 str(joint + 1): value for joint, value in self.choice.without_memory.items()
             }
@@ -71,10 +73,16 @@ class FoundFriction:
                 f"held-out blocks support the friction terms {series(terms, 60)} (% of the squared error without each); "
                 f"it falls from {before:.2f} to {after:.2f} %"
                 if terms
-                else f"no friction term was chosen: {REFUSED[self.choice.refused].format(before)}"
+                else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, "
+                f"{REFUSED[self.choice.refused]}"
                 if self.choice.refused
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
+            if untold := [f"{gain.parameter} ({100.0 * gain.shift:.0f} %)" for gain in self.choice.untold]:
+                sentences.append(
+                    f"the log does not separate {series(untold, 60)} from links and rotors, whose torque elsewhere would change: "
+                    "record more poses and speeds"
+                )
             if narrowest := self.choice.without_memory:
                 joints = joints_text(sorted(narrowest))
                 sentences.append(
@@ -129,20 +137,34 @@ def with_known_friction(
     if not auto and not friction.estimated:
         return experiment, None
     job = settings.job(experiment)
-    parts = job.parts("fit", job.delay())
-    if method.motion == "simulated":  # a simulation is at the reference temperature
-        parts = [replace(part, temperature=None) for part in parts]
+
+    def windows(delay: Delay) -> list[Window]:
+        parts = job.parts("fit", delay)
+        # A simulation is at the reference temperature.
+        return [replace(part, temperature=None) for part in parts] if method.motion == "simulated" else parts
+
     robot = experiment.robot
-    if auto:
-        say("choosing friction terms by their error on held-out blocks")
-        recorded = {part.recording for part in parts}
-        steps = [encoder_step(experiment.recordings[k].measured_positions()) for k in sorted(recorded)]
-        choice = choose_terms(job.model, parts, job.signal, job.estimate, np.max(steps, axis=0))
-        robot, found = robot.with_terms(choice.friction.terms), FoundFriction(choice.velocities, choice)
-    else:
-        refined = settled(job.model, parts, job.signal, job.estimate)
-        robot, found = refined.robot, FoundFriction(refined.velocities)
-    return replace(experiment, robot=robot), found
+    if not auto:
+        refined = settled(job.model, windows(job.delay()), job.signal, job.estimate)
+        return replace(experiment, robot=refined.robot), FoundFriction(refined.velocities)
+    say("choosing friction terms by their error on held-out blocks")
+    parts = windows(job.declared_delay)
+    steps = np.max(
+        [
+            encoder_step(experiment.recordings[k].measured_positions())
+            for k in {part.recording for part in parts}
+        ],
+        axis=0,
+    )
+    choice = choose_terms(job.model, parts, job.signal, job.estimate, steps)
+    chosen = replace(experiment, robot=robot.with_terms(choice.friction.terms))
+    if job.delay_setting == "estimate":
+        # Friction that the model lacks looks like a delay, so the delay comes after it, and friction once more after a delay.
+        delay = settings.job(chosen).delay()
+        if np.any(delay.samples):
+            choice = choose_terms(job.model, windows(delay), job.signal, job.estimate, steps)
+            chosen = replace(experiment, robot=robot.with_terms(choice.friction.terms))
+    return chosen, FoundFriction(choice.velocities, choice)
 
 
 def _check_temperature(method: Method, experiment: Experiment) -> None:

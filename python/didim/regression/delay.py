@@ -38,6 +38,8 @@ SMALLEST_DIFFERENCE = 0.1
 """Difference of delays, in samples, below which joints share one delay."""
 REACH_MARGIN = 3
 """Number of samples beyond the largest delay that interpolation and the last whole shift need."""
+FARTHEST_S = 0.1
+"""Reach (s) of a second search, where residuals still fall at the end of the first: torques of another clock, or over a network."""
 MOST_STEPS = 10
 """Upper bound of the number of linearisations; two or three suffice."""
 SETTLED_SAMPLES = 0.005
@@ -137,7 +139,7 @@ def estimate_delay(
     declared : float or sequence of float
         Delays in the settings, in samples, without the hold; reference for the gain.
     reach_s : float
-        Largest delay of the search, in seconds, of either sign.
+        Largest delay of the search, in seconds, of either sign; `FARTHEST_S` where residuals still fall there.
 
     Returns
     -------
@@ -171,6 +173,11 @@ def estimate_delay(
         parts, signal, reach + REACH_MARGIN, observe, {} if rows_by_shift is None else rows_by_shift
     )
     whole = search.best(reach + 1)
+    farther = max(2, round(FARTHEST_S * rate))
+    if abs(whole) > reach and reach < farther and shortest > 4 * (farther + REACH_MARGIN):
+        return estimate_delay(
+            parts, signal, observe, torque, hold_s=hold_s, declared=declared, reach_s=FARTHEST_S
+        )
     if abs(whole) > reach:
         raise FitError(
             f"no delay within {reach} samples ({1e3 * reach / rate:.3g} ms) fits best, residuals still fall "

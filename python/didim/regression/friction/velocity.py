@@ -33,6 +33,8 @@ Solve = Callable[[LinearSystem], tuple[Array, Array]]
 Shape = Callable[[Robot, FrictionTerm, Array, Window], Array]
 """Columns of a law at velocities or widths (k,), along a segment: (n_samples, k)."""
 
+CURVES: dict[Law, Law] = {"atan": "stribeck", "stribeck": "atan"}
+"""Laws of speed that explain the same residual, each with the other."""
 RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
 """Velocities covered by the search (rad/s, m/s): below them a law is Coulomb friction, above them viscous friction."""
 WIDTHS = {"revolute": (1e-4, 0.05), "prismatic": (1e-5, 0.005)}
@@ -225,10 +227,8 @@ def with_slopes(
 
 def other_curve(term: FrictionTerm) -> FrictionTerm:
     """Return the other of atan and Stribeck's law, at the velocity of the rival if there is one; other terms as they are."""
-    law: Law | None = {"atan": "stribeck", "stribeck": "atan"}.get(term.law)  # type: ignore[assignment]
-    if law is None:
-        return term
-    return replace(term, law=law, name="", velocity=term.rival or term.velocity)
+    law = CURVES.get(term.law)
+    return term if law is None else replace(term, law=law, name="", velocity=term.rival or term.velocity)
 
 
 def _without_load(

@@ -1,0 +1,152 @@
+"""Friction laws and the delay of the torques that a log supports, as lines of an experiment file, each with its reason.
+
+The choice is that of ``terms = "auto"``: `didim init` writes what `identify` would choose. Velocities are comments: each fit
+estimates them, and its intervals include theirs. Tested in ``tests/test_init_friction.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.toml import quoted
+from .._tools.words import percent_text, series
+from ..log.recording import Recording
+from ..regression.friction.choice import FirstFit, TermGain, first_fit
+from ..regression.least_squares import solve
+from ..regression.settings import LeastSquaresSettings
+from ..robot.friction import KEYS, FrictionTerm
+from ..robot.robot import Robot
+from ..signal.noise import encoder_step
+from ..signal.processing import SignalProcessing
+from ..signal.window import Window, windows_of
+from ..terms.model import Model
+from ..terms.rows import LinearSystem
+
+
+def fitted_friction(
+    robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing, say: Callable[[str], None]
+) -> FirstFit:
+    """Return the laws and the delay that recordings support.
+
+    Parameters
+    ----------
+    robot : Robot
+        Robot of the log.
+    recordings : sequence of Recording
+        At least one, with torques, joint side.
+    signal : SignalProcessing
+        Filters of the log.
+    say : callable
+        Receiver of sentences on the progress.
+
+    Raises
+    ------
+    DidimError
+        For a log whose rows determine too little (``test_init_friction.py``).
+    """
+
+    def windows(delay: float) -> list[Window]:
+        return [
+            part
+            for number, recording in enumerate(recordings)
+            for part in windows_of(recording, signal, number=number, delay=delay)
+        ]
+
+    def solved(system: LinearSystem) -> tuple[Array, Array]:
+        fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # only the estimate is used
+        return fit.solution, fit.weights
+
+    steps = np.max([encoder_step(recording.measured_positions()) for recording in recordings], axis=0)
+    return first_fit(Model(robot), windows, signal, solved, steps, say)
+
+
+def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
+    """Return the tables ``[friction]`` and ``[springs]`` with the chosen laws; laws that were refused are comments."""
+    own = {term.parameter for term in robot.friction.terms}
+    friction = fit.choice.friction
+    chosen = [term for term in friction.terms if term.parameter not in own]
+    worth = {gain.parameter: gain for gain in fit.choice.gains}
+    before, after = _errors(fit)
+    tables: dict[str, list[str]] = {"friction": [], "springs": []}
+    if fit.rest is not None:
+        what = fit.rest.parameter
+        speeds = dict(zip(robot.joint_kinds, getattr(friction, what), strict=True))
+        units = {"revolute": "rad_s", "prismatic": "m_s"}
+        tables["friction"] += [f"# {_gains([fit.rest])}", f'coulomb = "{friction.coulomb}"']
+        tables["friction"] += [f"{what}_{units[kind]} = {speed:g}" for kind, speed in speeds.items()]
+    for law, key in (*KEYS.items(), ("spring", "linear")):
+        terms = sorted((term for term in chosen if term.law == law), key=lambda term: term.joint)
+        if terms:
+            joints = {term.joint + 1 for term in (*terms, *robot.friction.terms) if term.law == law}
+            reason = _gains([worth[term.parameter] for term in terms])
+            tables["springs" if law == "spring" else "friction"] += [
+                *_scales(robot, terms),
+                f"{key} = {quoted(sorted(joints))} # {reason}",
+            ]
+    lines = (
+        [f"# Relative error of blocks left out of the fit: {before}, with these laws {after}."]
+        if chosen
+        else []
+    )
+    for table, found in tables.items():
+        lines += [f"[{table}]", *found] if found else []
+    return [*lines, *(_refusal(gain) for gain in fit.choice.untold)]
+
+
+def _gains(gains: Sequence[TermGain]) -> str:
+    squares = series([f"{-100.0 * gain.gain:.2g}" for gain in gains], 40)
+    shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 40)
+    return f"left-out blocks: {squares} % squared error; rigid torque elsewhere moves by {shifts} %"
+
+
+def _scales(robot: Robot, terms: Sequence[FrictionTerm]) -> list[str]:
+    """Return a comment on the velocities or displacements of terms of one law, if it has any."""
+    per = "" if terms[0].law == "dahl" else "/s"
+    units = {"revolute": f"rad{per}", "prismatic": f"m{per}"}
+    scales = [
+        f"{term.velocity:.3g} {units[robot.joint_kinds[term.joint]]}" for term in terms if term.velocity
+    ]
+    return (
+        [f"# {KEYS[terms[0].law]}: {series(scales, 100)} by this log, estimated in each fit"]
+        if scales
+        else []
+    )
+
+
+def _refusal(gain: TermGain) -> str:
+    return (
+        f"# {gain.parameter} is seen (gain {gain.significance:.2g} times its error), and not separated from links and rotors, "
+        f"whose torque elsewhere would move by {100.0 * gain.shift:.2g} %: record more combinations of poses."
+    )
+
+
+def _errors(fit: FirstFit) -> tuple[str, str]:
+    """Return the relative errors of blocks left out, without laws and with them."""
+    before, after = fit.choice.held_out_before, fit.choice.held_out_after
+    return f"{percent_text(100.0 * before)} %", f"{percent_text(100.0 * after)} %"
+
+
+def delay_lines(fit: FirstFit) -> list[str]:
+    """Return the table ``[delay]``, or none where the log has no delay after its friction."""
+    if fit.delay is None:
+        return []
+    share = 100.0 * fit.delay.gain
+    return [
+        "",
+        "[delay]",
+        f"compensate_samples = {fit.samples:.3g} # after friction; left-out blocks: -{share:.2g} % squared error",
+    ]
+
+
+def friction_sentences(fit: FirstFit) -> list[str]:
+    """Return the sentence of `didim init` on the laws, if there are any."""
+    before, after = _errors(fit)
+    names = series([gain.parameter for gain in fit.choice.gains], 70)
+    if not names:
+        return []
+    return [
+        f"friction {names}: blocks left out of the fit miss {after} in place of {before} (--plain adds none)"
+    ]
