@@ -16,9 +16,15 @@ from didim import Identification
 from didim.cli.main import main
 from didim.loop.servos import Held, ServoLoop, Servos
 from didim.methods.cloe.cloe import CLOE
+from didim.methods.positions import laws
+from didim.methods.positions.knowledge import held_at
+from didim.methods.positions.laws import searched
 from didim.methods.positions.motion import excite_positions
+from didim.methods.positions.problem import Problem
+from didim.methods.positions.search import begun, search
 from didim.model.limbs import limbs_of
 from didim.report import write
+from didim.result.iteration import Reporter
 from didim.result.positions.record import PositionRecord
 from quadrupeds import recorded
 
@@ -62,6 +68,16 @@ rate_hz = 100
 {windows}
 """
 EXPERIMENT += recorded("log.npz", "q", "r")
+
+
+FALSE_GAINS = [
+    pytest.param(False, 40.0, {"Fc": 1.5, "Off": 0.3}, {}, 2e-3, id="slow waves with much friction"),
+    pytest.param(
+        True, 17.0, {"Fc": 0.6, "Off": 0.3}, {"lag_s": 0.08, "bias_rad": 0.03}, 25e-3, id="steps behind a lag"
+    ),
+]
+"""Steps or waves, assumed kp (20 is true), the truth, and the largest error (rad): that of the noise, 1 mrad, in the first; the lag
+that the model lacks leaves 20 mrad in the second."""
 
 
 def legs() -> str:
@@ -290,6 +306,48 @@ def test_what_a_log_cannot_tell_is_held(
     assert finding.sentence.endswith(row["text"])
     assert len(finding.sentence) <= 200
     assert f"({row['value']:.4g})" in str(fit)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("steps", "kp", "truth", "drive", "largest"), FALSE_GAINS)
+def test_several_false_gains_leave_ratios(
+    tmp_path: Path, steps: bool, kp: float, truth: dict[str, float], drive: dict[str, float], largest: float
+) -> None:
+    """Gains that a log does not identify go astray together; friction is identified for all that, as a ratio to kp."""
+    r = commands(3, 16.0, steps=steps) * (1.0 if steps else 0.3)
+    experiment = twin(
+        tmp_path, ARM.format(option=""), r, unknown="kp = {}", truth=truth, kp=kp, noise=1e-3, drive=drive
+    )
+    fit = fitted(experiment)
+    assert fit.converged
+    found = rows(fit)
+    for joint in (1, 2, 3):
+        assert "/kp" in found[f"kp{joint}"]["text"]
+        assert [found[f"{kind}{joint}"]["by"] for kind in ("Fv", "Fc", "Off")] == ["log"] * 3
+    assert max(record(fit).errors["after"] or ()) < largest
+
+
+def test_an_unknown_is_not_held_at_a_higher_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What counts as unidentified is held at its start only if the start explains the log as well."""
+    experiment = twin(tmp_path, ARM.format(option=""), commands(3, 6.0, steps=True), noise=1e-4)
+    now = begun(Problem(experiment))
+    k = next(k for k, column in enumerate(now.problem.columns) if column.name == "Fv2")
+    options = {"most": 40, "tolerance": 1e-4, "reporter": Reporter()}
+    free = searched(now, dict(options))
+    told = iter([{k: "known otherwise"}, {}])
+    monkeypatch.setattr(laws, "unidentified", lambda now: next(told))
+    held = searched(begun(Problem(experiment)), dict(options))
+    assert held.cost <= 1.1 * free.cost
+    assert held.theta[k] == pytest.approx(free.theta[k], rel=0.01)
+    assert held_at(held, k) == f"known otherwise; Fv is held at {held.theta[k]:.6g} N.m.s/rad"
+
+
+def test_each_search_has_its_own_iterations(tmp_path: Path) -> None:
+    now = begun(Problem(twin(tmp_path, ARM.format(option=""), commands(3, 4.0, steps=True), noise=1e-4)))
+    reporter = Reporter()
+    costs = [search(now, most=1, tolerance=1e-4, reporter=reporter).cost for _ in range(3)]
+    assert costs[0] > costs[1] > costs[2]
+    assert len(now.history) == 3
 
 
 def test_no_gravity_leaves_the_ratio(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, and ``solreffriction`` and
 ``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv`` and
-``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. The
+``forcerange``, and ``timeconst`` where the result has another lag, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. The
 spring of a coupled joint is part of its leader's, so its own element loses it. What tendons of one joint add stays theirs. A body
 gets mass, centre and inertia of all that moves with it, less those of the bodies fixed to it, which keep theirs if they can. An
 included file that changes stands in the place of its include. Tested in ``tests/test_export_drives.py``,
@@ -86,6 +86,7 @@ def edit_mjcf(
     if motors:
         sentences.append(
             f"{listing(motors, 60)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
+            + (", of commands behind the lag" if any(drive.lag_s for drive in drives.joints) else "")
         )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
@@ -225,6 +226,15 @@ def _actuator_edits(
             attribute_edit(element, "gainprm", number(kp * setting.servo.slope)),
             attribute_edit(element, "biasprm", numbers([kp * setting.servo.offset, -kp, -kv])),
         ]
+    if not _same(old.lag_s, drive.lag_s):
+        lag = {"timeconst": number(drive.lag_s)}
+        if setting.tag != "position":
+            lag = (
+                {"dyntype": "filterexact", "dynprm": number(drive.lag_s)}
+                if drive.lag_s
+                else {"dyntype": "none"}
+            )
+        edits += [attribute_edit(element, key, value) for key, value in lag.items()]
     if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
         force = drive.effort / setting.gear
         edits.append(attribute_edit(element, "forcerange", numbers([-force, force])))

@@ -38,7 +38,7 @@ from .intervals import (
     per_step,
     widened,
 )
-from .knowledge import by_sentence, unidentified, weak_pairs
+from .knowledge import by_sentence, held_at, unidentified, weak_pairs
 from .laws import (
     LEAST_M,
     search_of_either_friction,
@@ -249,7 +249,7 @@ def _rows(now: Search, spread: Intervals) -> list[dict[str, Any]]:
                 "high": min(value + half, column.high) if known else None,
                 "before": column.start,
                 "by": by,
-                "text": now.held.get(k, ""),
+                "text": held_at(now, k) if k in now.held else "",
                 "per_step": float(steps[k]),
             }
         )
@@ -307,7 +307,7 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
 def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> list[Finding]:
     """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
     problem, findings = now.problem, []
-    for sentence, columns in by_sentence(problem, now.held).items():
+    for sentence, columns in by_sentence(now).items():
         late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
             worded(

@@ -229,9 +229,10 @@ def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
 def _width(problem: Problem) -> tuple[float, tuple[str, ...]]:
     """Return the mean logarithm of widths of unknowns for equal errors, and sentences on unidentified ones."""
     now = begun(problem)
-    sentences = tuple(by_sentence(problem, unidentified(now, error=MODEL_ERROR)))
+    held = unidentified(now, error=MODEL_ERROR)
     a, _ = now.normal()
     steps = np.array([column.step for column in problem.columns])
     use = now.used(a)
     f, _ = widening(a, use)
-    return float(np.mean(np.log(f / np.sqrt(np.diag(a)[use]) / steps[use]))), sentences
+    now.held = held
+    return float(np.mean(np.log(f / np.sqrt(np.diag(a)[use]) / steps[use]))), tuple(by_sentence(now))

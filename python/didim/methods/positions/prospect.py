@@ -39,7 +39,7 @@ def prospect(experiment: Experiment) -> tuple[list[Finding], list[str]]:
     findings = [_lack(each.sentence, advice, each.joints) for each in findings_of(experiment, problem.stops)]
     remarks = []
     now.held = unidentified(now, error=MODEL_ERROR)
-    for sentence, columns in by_sentence(problem, now.held).items():
+    for sentence, columns in by_sentence(now).items():
         joints = {joint + 1 for column in columns for joint in column.joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
         findings.append(_lack(sentence, advice, tuple(sorted(joints))))
