@@ -194,3 +194,22 @@ def test_right_logs_have_no_change(tmp_path: Path) -> None:
     )
     assert fit.verdict.sound
     assert not [item for item in fit.evidence if item.code == "changes"]
+
+
+def test_a_missing_law_of_friction_is_doubtful_and_no_push(tmp_path: Path) -> None:
+    """Friction of two joints that grows with the square of their speed: its errors turn with the motion, so nothing is left out."""
+    before = [np.zeros(4)]
+
+    def push(t: float, q: np.ndarray) -> list[float]:
+        speed, before[0] = (q - before[0]) / 2.5e-4, np.array(q)
+        return list(np.clip(-0.25 * speed * np.abs(speed), -3.0, 3.0) * [0.0, 1.0, 1.0, 0.0] * (t > 0.0))
+
+    fit = didim.identify(
+        logged(tmp_path, commands([0.0] * 4, seconds=16.0), arm_text(), push=push),
+        CLOE(threads=1),
+        verbose=False,
+    )
+    assert not fit.verdict.sound
+    (finding,) = [item for item in fit.evidence if item.code == "model-error"]
+    assert {2, 3} <= {*finding.joints}
+    assert not held(fit)

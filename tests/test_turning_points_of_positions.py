@@ -179,10 +179,14 @@ def test_steps_are_held_for_three_time_constants() -> None:
     assert held.max() == pytest.approx(9.0, abs=0.1)
 
 
-@pytest.mark.parametrize(("over", "named"), [(1.9, []), (2.1, [1])])
-def test_errors_of_the_model_are_twice_the_noise(over: float, named: list[int]) -> None:
-    found = model_errors(np.array([over, 1.0]), np.zeros(2))
+@pytest.mark.parametrize(
+    ("over", "count", "named"), [(1.08, 1000, []), (1.12, 1000, [1]), (1.18, 200, []), (1.22, 200, [1])]
+)
+def test_errors_of_the_model_exceed_the_noise_by_a_tenth(over: float, count: int, named: list[int]) -> None:
+    """Or by four deviations of a root mean square, a fifth with 200 samples."""
+    found = model_errors(np.array([over, 1.0]), np.zeros(2), count)
     assert [joint for item in found for joint in item.joints] == named
+    assert all(item.grade == "doubtful" for item in found)
 
 
 @pytest.mark.parametrize(("widened", "held"), [(990.0, False), (1010.0, True)])

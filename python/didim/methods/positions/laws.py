@@ -32,6 +32,8 @@ ROUGH = 1e-2
 HIGHER = 1.1
 """Squared errors with an unidentified unknown at its start, over those with it free, up to which the start explains a log as well:
 1.02 for the true gains of the Go2 log, which chose it."""
+OF_FRICTION = 0.5
+"""Share of the squared errors of a stretch that other friction of its joint must explain, so that they are none of a push."""
 HARD = 5e-5, 2.5e-3
 """Creep and rest (s) from which those of friction that a smooth sign fits better are searched: a quarter or less of MuJoCo's."""
 STILL = 1e-3
@@ -200,10 +202,33 @@ def without_pushes(now: Search, options: dict[str, Any]) -> Search:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
     for _ in range(MOST_ROUNDS):
         more = _pushed(now.problem, now.errors, STRONGEST) if now.status.converged else []
+        more = [stop for stop in more if not _of_friction(now, stop)]
         before, now = now, _without(now, [*now.problem.pushed, *more], options) if more else now
         if now is before:
             break
     return now
+
+
+def _of_friction(now: Search, stop: Stop) -> bool:
+    """Whether other friction of the joint explains most of the errors of a stretch, and a constant torque explains less."""
+    names = [column.name for column in now.problem.columns]
+    explained = []
+    for kinds in (("Fv", "Fc"), ("Off",)):
+        squares = np.zeros(2)
+        for rollout, errors, blocks in zip(now.problem.rollouts, now.errors, now.blocks, strict=True):
+            begin = rollout.window.begin + rollout.first
+            rows = slice(max(stop.begin - begin, 0), max(stop.end - begin, 0))
+            if rollout.recording != stop.recording or stop.joint not in rollout.joints:
+                continue
+            count, index = len(rollout.joints), rollout.joints.index(stop.joint)
+            e = errors.reshape(-1, count)[rows, index]
+            own = now.problem.own(rollout).tolist()
+            asked = [names.index(name) for kind in kinds if (name := f"{kind}{stop.joint + 1}") in names]
+            j = blocks[:, [own.index(k) for k in asked]].reshape(-1, count, len(asked))[rows, index]
+            left = e - j @ np.linalg.lstsq(j, e)[0] if e.size and asked else e
+            squares += e @ e, left @ left
+        explained.append(1.0 - squares[1] / max(squares[0], np.finfo(float).tiny))
+    return explained[0] > max(explained[1], OF_FRICTION)
 
 
 def with_explained_stretches(now: Search, options: dict[str, Any]) -> Search:
