@@ -3,9 +3,9 @@
 A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, and ``solreffriction`` and
 ``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv``,
 ``forcerange`` and, where the result has another lag, ``timeconst``; a general one ``gainprm`` and ``biasprm``. Values already in
-the file, also by a default class, do not change. The
-spring of a coupled joint is part of its leader's, so its own element loses it. What tendons of one joint add stays theirs. A body
-gets mass, centre and inertia of all that moves with it, less those of the bodies fixed to it, which keep theirs if they can. An
+the file, also by a default class, do not change. The spring of a coupled joint is part of its leader's, so its own element loses
+it. What tendons of one joint add stays theirs. A body gets mass, centre and inertia of all that moves with it, less those of the
+bodies fixed to it, which keep theirs if they can. An
 included file that changes stands in the place of its include. Tested in ``tests/test_export_drives.py``,
 ``tests/test_export_links.py``, ``tests/test_softness.py`` and ``tests/test_couplings.py``.
 """

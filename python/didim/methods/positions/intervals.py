@@ -43,10 +43,9 @@ with 1.3 to 2 times the friction in half of the log (3.99 and 20 % at least) and
 the Go2 log, the legs and the pendulums only counted."""
 LASTING = 2.0
 """Errors over their white part from which an error of the model is larger than the noise: blocks left out share it."""
-INEXACT, INEXACT_SIGMAS = 0.1, 4.0
+INEXACT, INEXACT_SIGMAS = 0.05, 3.0
 """Excess of the errors over their white part from which a result is doubtful, and the same in deviations of a root mean square of
-so many samples. On simulated hobby arms right models have at most 0.04; with a tenth more of all masses, or a third of the friction in
-a law that is missing, nearly all have more."""
+so many samples. On simulated hobby arms right models have at most 0.04; those that lack a law, or have a tenth more mass, 0.08."""
 LEAST_NOISE = 1e-4
 """Noise (rad or m) that an encoder has at least: logs of simulations have less, and no robot is as exact as they are."""
 
