@@ -18,7 +18,6 @@ from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.intervals import errors_over_noise, intervals, model_errors, per_step
 from didim.methods.positions.knowledge import _excess, widening
-from didim.methods.positions.motion import _motion
 from didim.methods.positions.search import Search
 from didim.methods.positions.stops import Stop, _pulled, pushed_stretches, refuse_little
 from didim.result.uncertainty import student_factor
@@ -168,15 +167,6 @@ def test_a_search_has_forty_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(KeyboardInterrupt):
         estimate.identify_positions(CLOE(), cast(Any, None), cast(Any, None))
     assert (heard["most"], heard["tolerance"]) == (40, 1e-4)
-
-
-def test_steps_are_held_for_three_time_constants() -> None:
-    """A loop of 1 rad/s has steps of three seconds at least, and nine at most."""
-    bandwidth = np.array([1.0 / (2.0 * np.pi)])
-    q = _motion("steps", 0, np.zeros(1), np.ones(1), bandwidth, 100.0, 200_000)[:, 0]
-    held = 0.01 * np.diff(np.flatnonzero(np.diff(q)))[1:]
-    assert held.min() == pytest.approx(3.0, abs=0.1)
-    assert held.max() == pytest.approx(9.0, abs=0.1)
 
 
 @pytest.mark.parametrize(

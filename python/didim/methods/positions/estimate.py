@@ -103,7 +103,7 @@ def identify_positions(
     else:
         now = searched(now, options)
     rest = without_pushes(now, options)
-    if rest is not now and may_be_soft(experiment) and not rest.problem.soft:
+    if rest is not now and may_be_soft(experiment) and not (rest.problem.soft or rest.problem.sticks):
         # Pushes had hidden the law of friction.
         rest, shift = search_of_either_friction(rest, options)
     now = with_explained_stretches(rest, options)
@@ -199,6 +199,7 @@ def _record(now: Search, spread: Intervals, before: Array, after: Array) -> dict
         "limbs": _limbs(problem),
         "smoothing": list(problem.robot.friction.smoothing),
         "soft": problem.soft,
+        "sticks": problem.sticks,
         "pushed": [[stop.joint, stop.recording, stop.begin, stop.end] for stop in problem.pushed],
         "blocks": spread.blocks,
         "kind": spread.kind,

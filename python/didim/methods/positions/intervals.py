@@ -180,7 +180,7 @@ def per_step(now: Search) -> Array:
 def changes(now: Search, drift: Array) -> list[Finding]:
     """Return the finding that armatures or friction are others in one part of a log than in the rest, `drift` (2, n_columns)."""
     columns, (change, ratio) = now.problem.columns, np.abs(drift)
-    share = change / np.maximum(np.abs(now.theta), np.finfo(float).tiny)
+    share = quotient(change, np.abs(now.theta), np.inf)
     changed = [
         k
         for k in np.argsort(-ratio)

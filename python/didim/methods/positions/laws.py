@@ -98,7 +98,7 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
         return now, shift
-    if (promise := _promised(replace(now.problem, soft=True), now)) is not None:
+    if (promise := _promised(replace(now.problem, soft=True, sticks=False), now)) is not None:
         start, shift, cost = promise
         if cost < SOFTER * now.cost:
             options["reporter"].say(
@@ -107,8 +107,26 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
             rival = _searched_anew(start, options)
             shift = np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
             if rival.cost < now.cost:
-                return _of_another_softness(rival, shift, options)
-    return _of_another_softness(searched(now, options), shift, options)
+                return _sticking(*_of_another_softness(rival, shift, options), options)
+    return _sticking(*_of_another_softness(searched(now, options), shift, options), options)
+
+
+def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Search, Array]:
+    """Search with friction that sticks, where errors and derivatives promise less than the other laws leave.
+
+    Joints of a smooth sign, and of MuJoCo's friction, creep at rest; those of geared servos stay where they are.
+    """
+    problem = now.problem
+    if not now.status.converged or {*SOFT} & {*problem.experiment.unknown} or not _unexplained(now):
+        return now, shift
+    start = _promised(replace(problem, soft=False, sticks=True), now)
+    if start is None or not start[2] < SOFTER * now.cost:
+        return now, shift
+    options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
+    rival = _searched_anew(start[0], options)
+    if not rival.cost < SOFTER * now.cost:
+        return now, shift
+    return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
 
 
 def with_softness(experiment: Experiment) -> Experiment:
@@ -129,7 +147,7 @@ def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> 
     if not now.status.converged or not _unexplained(now):
         return now, shift
     problem = now.problem
-    unknown = replace(problem, soft=True, experiment=with_softness(problem.experiment))
+    unknown = replace(problem, soft=True, sticks=False, experiment=with_softness(problem.experiment))
     promise = _promised(unknown, now, () if problem.soft else HARD)
     if promise is None:
         return now, shift
