@@ -15,6 +15,8 @@ import didim
 from didim import Identification
 from didim.cli.main import main
 from didim.excitation.positions import excite_positions
+from didim.export.drives import drives_of
+from didim.export.mjcf_edit import edit_mjcf
 from didim.loop.servos import Held, ServoLoop, Servos
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions import laws
@@ -27,6 +29,7 @@ from didim.model.limbs import limbs_of
 from didim.report import write
 from didim.result.iteration import Reporter
 from didim.result.positions.record import PositionRecord
+from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import recorded
 
 RATE = 100.0
@@ -356,6 +359,10 @@ def test_joints_that_stay_where_they_stop(tmp_path: Path, monkeypatch: pytest.Mo
         value = rows(fit)[f"Fc{joint}"]["value"]
         assert value == pytest.approx(0.8 * (1.0 + 0.1 * (joint - 1)), rel=0.02)
     np.testing.assert_allclose(position_errors(replayed(fit, experiment))["log"], after, rtol=1e-6)
+    pytest.importorskip("mujoco")
+    content, _ = edit_mjcf(drives_of(fit, "fit"), tmp_path / "robot.xml")
+    (tmp_path / "new.xml").write_bytes(content)
+    assert validate_in_mujoco(fit, experiment, tmp_path / "new.xml", step_s=5e-4).after.max() < 5e-4
 
 
 def test_an_unknown_is_not_held_at_a_higher_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,8 @@ IMPLICIT = ("implicit", "implicitfast")
 HALF = 0.5
 """Share of a time step by which an implicit velocity is late, and a command early."""
 
+STUCK_CREEP_S = 5e-6
+"""Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
 MOST_SHIFT = 1.0
 """Largest shift of commands (rad or m): real servos have a hundredth of it, and beyond it gain or offset is false."""
 
@@ -189,7 +191,9 @@ def drives_of(fit: Identification, where: str) -> Drives:
                     f"{where}: the {word} of joint {name!r} is negative ({value:.4g}): no drive has that"
                 )
         given = {key: column[j] for key, column in servo.items() if j < n}
+        soft = bool(positions.get("soft") or positions.get("sticks"))
         creep, rest = given.get(SOFT[0]), given.get(SOFT[1])
+        creep = STUCK_CREEP_S if positions.get("sticks") else creep
         drives.append(
             JointDrive(
                 joint=name,
@@ -207,7 +211,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 offset=0.0 if stiffness else offset,
                 bias_rad=given.get("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]) if j < len(smoothing) else 0.0,
-                softness=(creep, rest) if creep and rest and positions.get("soft") else None,
+                softness=(creep, rest) if creep and rest and soft else None,
                 per_step={
                     FIELDS[row["kind"]]: row["per_step"]
                     for row in positions.get("rows", ())
