@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from .._tools.words import columned, did_you_mean, series
+from .._tools.words import brief, columned, did_you_mean, series
 from ..errors import FitError
 from ..experiment.unknown import SOFT
 from ..result.identification import Identification
@@ -247,7 +247,7 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
     if false := [drive.joint for drive in joints if drive.overloaded]:
         sentences.append(
-            f"offsets of {series(false)} are larger than any command can replace: gain or offset is false, so do not use them"
+            f"offsets of {brief(series(false), 60)} are larger than any command can replace: gain or offset is false"
         )
     if offsets and all(drive.kp for drive in offsets):
         sentences.append(

@@ -87,8 +87,11 @@ def edit_mjcf(
     if motors:
         sentences.append(
             f"{listing(motors, 60)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
-            + (", of commands behind the lag" if any(drive.lag_s for drive in drives.joints) else "")
         )
+        if lag := max(drive.lag_s for drive in drives.joints):
+            sentences.append(
+                f"their commands act behind a lag of {1e3 * lag:.3g} ms: filter them in your own code too"
+            )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
     if links is not None:
