@@ -102,11 +102,11 @@ def test_a_change_along_a_log_has_the_variance_of_both_sides(monkeypatch: pytest
     assert ratio[0] == pytest.approx(change[0] / np.sqrt(variance))
 
 
-def test_an_encoder_has_a_noise_of_a_ten_thousandth() -> None:
+def test_an_encoder_has_a_noise_of_two_ten_thousandths() -> None:
     rollout = stub(joints=[0], q=np.zeros((100, 1)), by_joint=lambda errors: errors.reshape(-1, 1))
     problem = stub(robot=stub(n_dof=1), rollouts=[rollout])
     over = errors_over_noise(stub(problem=problem, errors=[np.full(100, 2e-5)]))
-    assert over.tolist() == pytest.approx([0.2])
+    assert over.tolist() == pytest.approx([0.1])
 
 
 @pytest.mark.parametrize(("effect", "held"), [(0.8e-4, True), (1.2e-4, False)])

@@ -253,7 +253,7 @@ def _commands(middle: Array, swing: Array, bandwidth: Array, rate: float) -> Arr
         )
         for parts in every
     ]
-    return middle + np.transpose(padded)
+    return np.asarray(middle + np.transpose(padded))
 
 
 def _moves(via: Sequence[float], step: float, held: int) -> Array:

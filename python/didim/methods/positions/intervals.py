@@ -46,8 +46,9 @@ LASTING = 2.0
 INEXACT, INEXACT_SIGMAS = 0.05, 3.0
 """Excess of the errors over their white part from which a result is doubtful, and the same in deviations of a root mean square of
 so many samples. On simulated hobby arms right models have at most 0.04; those that lack a law, or have a tenth more mass, 0.08."""
-LEAST_NOISE = 1e-4
-"""Noise (rad or m) that an encoder has at least: logs of simulations have less, and no robot is as exact as they are."""
+LEAST_NOISE = 2e-4
+"""Noise (rad or m) that an encoder has at least: logs of simulations have less, whose steps leave errors of a fourth of it, and no
+robot is as exact as they are."""
 
 
 @dataclass(frozen=True)

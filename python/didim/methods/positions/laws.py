@@ -242,11 +242,13 @@ def _of_friction(now: Search, stop: Stop) -> bool:
             e = errors.reshape(-1, count)[rows, index]
             own = now.problem.own(rollout).tolist()
             asked = [names.index(name) for kind in kinds if (name := f"{kind}{stop.joint + 1}") in names]
-            j = blocks[:, [own.index(k) for k in asked]].reshape(-1, count, len(asked))[rows, index]
-            left = e - j @ np.linalg.lstsq(j, e)[0] if e.size and asked else e
+            left = e
+            if e.size and asked:
+                j = blocks[:, [own.index(k) for k in asked]].reshape(-1, count, len(asked))[rows, index]
+                left = e - j @ np.linalg.lstsq(j, e)[0]
             squares += e @ e, left @ left
         explained.append(1.0 - squares[1] / max(squares[0], np.finfo(float).tiny))
-    return explained[0] > max(explained[1], OF_FRICTION)
+    return bool(explained[0] > max(explained[1], OF_FRICTION))
 
 
 def with_explained_stretches(now: Search, options: dict[str, Any]) -> Search:

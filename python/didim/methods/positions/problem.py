@@ -179,7 +179,8 @@ class Problem:
             robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
         if self.sticks:
             robot = robot.with_smoothing([STICKING] * robot.n_dof)
-            settings = replace(settings, integrator="imex")
+            fine = STEP_S / 2.0 if settings.fine_step_s is None else settings.fine_step_s
+            settings = replace(settings, integrator="imex", fine_step_s=fine)
         self.values = file_values(experiment, self.given)
         if self.soft:  # it needs finer steps at velocity zero only if it is harder than by MuJoCo's defaults
             rest = self.values.drive[SOFT[1]].min()
