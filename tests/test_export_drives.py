@@ -107,8 +107,8 @@ def test_springs_go_into_the_file_and_other_formats_report_them(tmp_path: Path, 
     model = mujoco.MjModel.from_xml_string(edit_mjcf(drives, path)[0].decode())
     np.testing.assert_allclose(model.jnt_stiffness, [4.0, 0.0])
     np.testing.assert_allclose(model.qpos_spring[0], -0.3)
-    assert "springs (N.m/rad or N/m): pan 4" in drives.without_springs().sentences[-1]
-    assert BOTH.without_springs() == BOTH
+    assert "springs (N.m/rad or N/m): pan 4" in drives.plain_servos().sentences[-1]
+    assert BOTH.plain_servos() == BOTH
 
 
 def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
@@ -403,8 +403,15 @@ def test_drives_of_a_result(tmp_path: Path) -> None:
     head, pan, lift, *_ = str(found).splitlines()
     assert head.endswith("add to command")
     assert (pan.split()[-1], lift.split()[-1]) == ("0", "-0.5556")
+    assert any("commands act 12 ms late" in sentence for sentence in found.sentences)
+    assert "lags of commands (ms): pan 3, lift 3" in found.plain_servos().sentences[-1]
+    false = Drives((replace(PAN, kp=1e-3, offset=0.02),))
+    assert "add to command" not in str(false)
+    far = result(robot)
+    far.settings["positions"]["drive"]["kp"][1] = 1e-3
     assert any(
-        "commands act 12 ms late, and behind a lag of 3 ms" in sentence for sentence in found.sentences
+        sentence.startswith("offsets of lift are larger than any command can replace")
+        for sentence in drives_of(far, "fit.json").sentences
     )
     negative = result(robot)
     parameters = np.array(negative.parameters)

@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from didim.errors import FitError
 from didim.export.drives import Drives, JointDrive, drives_of, for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.methods.cloe.cloe import CLOE
-from didim.studies.in_mujoco import replayed, validate_in_mujoco
+from didim.studies.in_mujoco import Logged, _loaded, replayed, validate_in_mujoco
 from didim.studies.mujoco_model import load_model
 from quadrupeds import ARM_DELAY_S, ARM_TRUTH, arm_episodes, arm_text, followed, recorded
 from scripts import script
@@ -308,6 +309,45 @@ def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.
 
 
 STEPPED = ARM.replace("[unknown]\n", "[unknown]\nkp = { start = 15.0 }\nkv = { start = 0.8 }\n")
+
+
+@pytest.mark.slow
+def test_the_filter_of_an_actuator_is_fitted_and_exported(tmp_path: Path) -> None:
+    """The file's own filter is held by default; as an unknown its time constant is found, and written into the file."""
+    truth, r = (
+        arm_text(truth=True).replace("<position kp", '<position timeconst="0.05" kp'),
+        arm_commands(np.random.default_rng(3)),
+    )
+    np.savez(tmp_path / "log.npz", q=followed(mujoco, truth, r, 50.0, ARM_DELAY_S), r=r)
+    for seconds, unknown in (("0.05", ""), ("0.03", "lag_s = {}\n")):
+        file = arm_text().replace("<position kp", f'<position timeconst="{seconds}" kp')
+        (tmp_path / "so101.xml").write_text(file)
+        (tmp_path / "arm.toml").write_text(ARM.replace("[unknown]\n", "[unknown]\n" + unknown))
+        experiment = didim.load_experiment(tmp_path / "arm.toml")
+        fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
+        drives = drives_of(fit, "fit")
+        assert drives.joints[1].lag_s == pytest.approx(0.05, rel=0.02)
+        content, _ = edit_mjcf(drives, tmp_path / "so101.xml")
+        (tmp_path / "new.xml").write_bytes(content)
+        assert load_model(tmp_path / "new.xml").actuator_dynprm[1, 0] == pytest.approx(0.05, rel=0.02)
+        replay = validate_in_mujoco(fit, experiment, tmp_path / "new.xml", step_s=2e-4)
+        assert replay.after.max() < 1e-3
+
+
+def test_a_load_moves_the_centre_of_a_body(tmp_path: Path) -> None:
+    """MuJoCo 4 refuses another centre of mass for a body whose own one is at its origin."""
+    body = '<body><inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/><joint name="j" axis="0 1 0"/></body>'
+    servo = '<position joint="j" kp="10"/>'
+    (tmp_path / "one.xml").write_text(
+        f"<mujoco><worldbody>{body}</worldbody><actuator>{servo}</actuator></mujoco>"
+    )
+    drives = Drives((JointDrive(joint="j", kind="revolute", rotor=0.0, viscous=0.0, coulomb=0.0),))
+    load = np.array([1e-4, 0.0, 0.0, 0.01, 0.0, 0.01, 0.1, 0.0, 0.0, 1.0])  # 1 kg, 0.1 m along x
+    logged = Logged(cast("Any", None), {}, np.ones(1), load, 0)
+    model, _ = _loaded(load_model(tmp_path / "one.xml"), "one.xml", drives, logged)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_bias[0] == pytest.approx(-9.81 * 0.1)
 
 
 @pytest.mark.slow

@@ -121,6 +121,51 @@ def test_a_lerobot_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     np.testing.assert_array_equal(law.saturation, [3.0, np.inf])
 
 
+def test_a_lerobot_dataset_of_a_small_motion_is_in_degrees(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = frames()
+    for key in ("action", "observation.state"):
+        small[key] = small[key] * 0.05
+    dataset(tmp_path / "so101", "v3.0", columns=small)
+    (tmp_path / "arm.xml").write_text(ARM)
+    path = tmp_path / "arm.toml"
+    assert main(["init", str(tmp_path / "arm.xml"), str(tmp_path / "so101"), "-o", str(path)]) == 0
+    (recording,) = didim.load_experiment(path).recordings
+    assert recording.q_ref is not None
+    np.testing.assert_allclose(recording.q_ref[:, 0], np.radians(small["action"][:, 0].astype(float)))
+
+
+def test_lists_in_cells_and_commands_in_a_file_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Stamps in us of which one is late, positions as lists, and the magnitudes of currents under the name of torques."""
+    t = 20000.0 * np.arange(300.0)
+    t[100] += 600.0
+    r = 0.4 * np.sin(np.outer(t * 1e-6, [3.0, 4.0]))
+    q = np.roll(r, 1, axis=0)
+    rows = ["type,timestamp,positions,torques"], ["type,timestamp,positions"]
+    for stamp, own, command in zip(t, q.tolist(), r.tolist(), strict=True):
+        rows[0].append(f'STATE,{stamp},"{own}","{[abs(value) for value in own]}"')
+        rows[1].append(f'CONTROL,{stamp},"{command}"')
+    for name, lines in zip(("state_motor", "control"), rows, strict=True):
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
+    (tmp_path / "arm.xml").write_text(ARM)
+    files = [str(tmp_path / name) for name in ("arm.xml", "state_motor.csv", "control.csv")]
+    assert main(["init", *files, "-o", str(tmp_path / "arm.toml")]) == 0
+    assert "the torques have no sign" in capsys.readouterr().out
+    (recording,) = didim.load_experiment(tmp_path / "arm.toml").recordings
+    assert recording.q_ref is not None
+    np.testing.assert_allclose(recording.q_ref, r)
+    np.testing.assert_allclose(recording.measured_positions(), q)
+    assert recording.rate_hz == pytest.approx(50.0, rel=1e-3)
+    (tmp_path / "control.csv").write_text("\n".join([*rows[1][:-1], 'CONTROL,0.0,"[0.1]"']))
+    assert main(["init", *files, "-o", str(tmp_path / "other.toml")]) == 2
+    assert (
+        "control.csv: row 300 (line 301) has 3 columns where the first line has 4" in capsys.readouterr().err
+    )
+
+
 def test_goal_and_present_positions_of_bus_servos(tmp_path: Path) -> None:
     """Names as Dynamixel and Feetech servos have them, and rollouts of a pendulum by number."""
     (tmp_path / "servo.xml").write_text(

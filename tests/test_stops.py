@@ -15,7 +15,7 @@ from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.problem import Problem
 from didim.methods.positions.replay import position_errors, replayed
-from didim.methods.positions.stops import STRONGEST, pushed_stretches
+from didim.methods.positions.stops import STRONGEST, _held, pushed_stretches
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import ARM_DELAY_S, ARM_RATE, ARM_TRUTH, ENCODER, arm_text, followed, recorded
 
@@ -108,6 +108,18 @@ def test_free_motion_has_no_word(tmp_path: Path, span: str) -> None:
     assert [len(item.q) for item in problem.rollouts] == [600]
 
 
+def test_a_short_pull_of_a_slow_motion_stays_short() -> None:
+    """A joint that sticks for a quarter of a second on its way up is free before and after."""
+    q = 0.001 * np.arange(1200.0)
+    q[600:612], q[612:] = q[600], q[612:] - 0.012
+    r = q + 0.005
+    r[600:612] += 0.1
+    ((begin, end, limit),) = _held(q, r, r - q, 10, 0.003, None)
+    assert 595 <= begin <= 600 < 610 <= end <= 617
+    assert limit is None
+    assert not _held(q, np.full(1200, 0.5), r - q, 10, 0.003, None)  # its command rests: friction holds it
+
+
 def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
     """A gripper that is closed, but for one move."""
     r = commands([0.0] * 4, seconds=20.0)
@@ -182,3 +194,22 @@ def test_right_logs_have_no_change(tmp_path: Path) -> None:
     )
     assert fit.verdict.sound
     assert not [item for item in fit.evidence if item.code == "changes"]
+
+
+def test_a_missing_law_of_friction_is_doubtful_and_no_push(tmp_path: Path) -> None:
+    """Friction of two joints that grows with the square of their speed: its errors turn with the motion, so nothing is left out."""
+    before = [np.zeros(4)]
+
+    def push(t: float, q: np.ndarray) -> list[float]:
+        speed, before[0] = (q - before[0]) / 2.5e-4, np.array(q)
+        return list(np.clip(-0.25 * speed * np.abs(speed), -3.0, 3.0) * [0.0, 1.0, 1.0, 0.0] * (t > 0.0))
+
+    fit = didim.identify(
+        logged(tmp_path, commands([0.0] * 4, seconds=16.0), arm_text(), push=push),
+        CLOE(threads=1),
+        verbose=False,
+    )
+    assert not fit.verdict.sound
+    (finding,) = [item for item in fit.evidence if item.code == "model-error"]
+    assert {2, 3} <= {*finding.joints}
+    assert not held(fit)

@@ -32,6 +32,7 @@ def add(commands: Commands) -> None:
         "design the motion that identifies a robot best within its limits",
         "didim excite ur5e -o motion.csv",
         "didim excite arm.toml excite.toml -o motion.script --report motion.html",
+        "didim excite so101.xml --positions -o motion.csv -o motion.json",
     )
     add_robot(parser)
     add_option(
@@ -54,8 +55,8 @@ def add(commands: Commands) -> None:
     add_flag(
         parser,
         "--positions",
-        "ROBOT is an experiment file with known links: design steps or chirps that identify drives and friction by positions "
-        "alone (-o motion.csv)",
+        "write commands that identify drives and friction by positions alone, for ROBOT with position actuators or an experiment "
+        "file with known links: -o motion.csv, or .json with actions of LeRobot",
     )
     add_report(parser)
     add_flag(parser, "--quiet", "no progress on stderr")
@@ -103,11 +104,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _positions(options: argparse.Namespace) -> int:
     """Design commanded positions for an experiment."""
-    from ..experiment.experiment_file import load_experiment
-    from ..methods.positions.motion import excite_positions
+    from ..excitation.positions import excite_positions
+    from ..excitation.settings_file import read_excitation
+    from ..robot.robot_file import load_robot
 
     check_outputs(*options.output)
-    motion = excite_positions(load_experiment(options.robot))
+    settings = options.settings and read_excitation(options.settings, load_robot(options.robot))
+    motion = excite_positions(options.robot, settings=settings)
     saved = Saved()
     for path in options.output:
         saved.save(path, motion.save)

@@ -191,7 +191,7 @@ def _drives(options: argparse.Namespace) -> int:
         return refuse("drives are exported of a result, FIT.json, and not of --parameters")
     if options.mjcf is not None:
         return _written(options.output, *into_mjcf(options.mjcf, None, options.fit, options.for_step))
-    drives, step = read_drives(options.fit).without_springs(), options.for_step
+    drives, step = read_drives(options.fit).plain_servos(), options.for_step
     if options.urdf is not None:
         content = edit_dynamics(drives, options.urdf)
     elif options.mjlab:
@@ -209,7 +209,7 @@ def _bam(options: argparse.Namespace) -> int:
 
     if options.fit is None or options.payload is not None:
         return refuse("--bam is for a result, FIT.json, and for joints without payloads")
-    drives = read_drives(options.fit).without_springs()
+    drives = read_drives(options.fit).plain_servos()
     contents = {drive.joint: bam(drive, options.bam).encode() for drive in drives.every}
     if len(contents) == 1:
         return _written(options.output, next(iter(contents.values())), f"{drives}")

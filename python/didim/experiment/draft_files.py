@@ -112,9 +112,9 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
     ExperimentError
         When files of one log differ in their number of rows.
     """
-    groups = _groups(sources, robot)
     logs: list[tuple[Log, str, Path]] = []
-    notes = []
+    notes = _unsigned(sources)
+    groups = _groups(sources, robot)
     for group in groups:
         if len(group) == 1:
             logs.append((group[0], group[0].path.stem, group[0].path))
@@ -130,6 +130,20 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
     if len(groups) > 1:
         notes.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
     return logs, notes
+
+
+def _unsigned(sources: Sequence[LogSource]) -> list[str]:
+    """Leave out efforts without a sign beside a file of commands alone: the magnitudes of a servo's current."""
+    notes = []
+    if any(_kinds(source.columns) in (["reference"], ["time", "reference"]) for source in sources):
+        for source in sources:
+            for kind in EFFORTS:
+                at = [k for k, column in enumerate(source.columns) if column.what == kind]
+                if at and source.values([source.columns[k] for k in at]).min() >= 0.0:
+                    notes.append(f"{source.path.name}: the {kind}s have no sign, so they are left out")
+                    for k in at:
+                        source.columns[k] = replace(source.columns[k], what="other")
+    return notes
 
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:
@@ -189,7 +203,9 @@ def _blank(columns: Sequence[Column], robot: Robot) -> bool:
 def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
     """Merge several files with equal rows into one log."""
     columns = [replace(column, file=k) for k, source in enumerate(group) for column in source.columns]
-    rows = [len(source.values(source.columns[:1])) for source in group]
+    # Columns of another kind may hold words.
+    first = [sorted(source.columns, key=lambda column: column.what == "other")[:1] for source in group]
+    rows = [len(source.values(one)) for source, one in zip(group, first, strict=True)]
     for source, count in zip(group, rows, strict=True):
         if count != rows[0]:
             raise ExperimentError(

@@ -125,7 +125,7 @@ def servo_lines(
 def _limits(robot: Robot) -> list[str]:
     """Return the line of the servos' largest torques, if actuators or joints have them."""
     if "saturation" in of_actuators(robot):
-        return ["# saturation: that of the actuators of the robot file"]
+        return ["# saturation_n_m: that of the actuators of the robot file"]
     efforts = [limits.effort for limits in robot.limits]
     if any(effort is None for effort in efforts):
         return ["# saturation_n_m = 3.0 # largest torque of a servo, where the log reaches it"]

@@ -182,6 +182,15 @@ def _opened(log: Path, topic: str | None) -> tuple[DataFile, list[str]]:
 def _by_file_name(source: LogSource) -> None:
     """Derive the kind of signal from the file name, if no column name gives it."""
     signals = [column for column in source.columns if column.what != "time"]
+    words = source.path.stem.lower().replace("-", "_").split("_")
+    if {"control", "commands", *WORDS["reference"]} & {*words} and {column.what for column in signals} <= {
+        "position",
+        "other",
+    }:
+        source.columns = [
+            replace(column, what="reference") if column.what == "position" else column
+            for column in source.columns
+        ]
     if not all(column.placed or (column.what == "other" and not source.named) for column in signals):
         return
     by_name = read_column(source.path.stem)

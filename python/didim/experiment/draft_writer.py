@@ -377,7 +377,7 @@ class RecordingWriter:
             if known is None:
                 sure = False
                 if kind == "revolute" or motor:
-                    known = "deg" if span > TWO_TURNS and not motor else "rad"
+                    known = "deg" if (span > TWO_TURNS or self._is_lerobot) and not motor else "rad"
                 else:
                     known = "mm" if span > 20.0 else "m"
             units.append(known)
@@ -393,6 +393,11 @@ class RecordingWriter:
             lines.append("# counts_per_rev = 4096 # how many counts make one turn?")
             self._ask(f"how many counts make one turn (counts_per_rev under [recording.{table}])?")
         return [*lines, self._side(table, columns)]
+
+    @property
+    def _is_lerobot(self) -> bool:
+        """Whether the log is a LeRobot dataset, whose arm joints are in degrees or percent, never in radians."""
+        return getattr(getattr(self.source, "data", None), "kind", "") == "LeRobot"
 
     def _velocity(self) -> list[str]:
         """Return commented lines: measured velocities may be better than differences of positions, or delayed."""

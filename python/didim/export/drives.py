@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from .._tools.words import columned, did_you_mean, series
+from .._tools.words import brief, columned, did_you_mean, series
 from ..errors import FitError
 from ..experiment.unknown import SOFT
 from ..result.identification import Identification
@@ -22,6 +22,11 @@ IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
 HALF = 0.5
 """Share of a time step by which an implicit velocity is late, and a command early."""
+
+STUCK_CREEP_S = 5e-6
+"""Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
+MOST_SHIFT = 1.0
+"""Largest shift of commands (rad or m): real servos have a hundredth of it, and beyond it gain or offset is false."""
 
 FIELDS = {
     "Ia": "rotor",
@@ -88,6 +93,11 @@ class JointDrive:
         """Return the shift of commands (rad or m) that replaces offset and bias."""
         return self.bias_rad + (self.offset / self.kp if self.kp else 0.0)
 
+    @property
+    def overloaded(self) -> bool:
+        """Whether the offset is beyond what commands can replace: it would turn the joint by more than `MOST_SHIFT`."""
+        return abs(self.shift) > MOST_SHIFT
+
 
 @dataclass(frozen=True)
 class Drives:
@@ -119,21 +129,26 @@ class Drives:
                 hint = did_you_mean(drive.joint, known)
                 raise FitError(f"{where}: there is no joint {drive.joint!r}{hint}")
 
-    def without_springs(self) -> Drives:
-        """Return the same drives for a format without springs, with a sentence on those left out."""
+    def plain_servos(self) -> Drives:
+        """Return the same drives for a format without springs and filters of commands, with sentences on those left out."""
         springs = [f"{drive.joint} {drive.stiffness:.4g}" for drive in self.joints if drive.stiffness]
-        sentence = f"the format has no place for springs (N.m/rad or N/m): {series(springs)}"
-        return replace(self, sentences=(*self.sentences, sentence)) if springs else self
+        lags = [f"{drive.joint} {1e3 * drive.lag_s:.4g}" for drive in self.joints if drive.lag_s]
+        told = [
+            f"the format has no place for {what}: {series(names)}"
+            for what, names in (("springs (N.m/rad or N/m)", springs), ("lags of commands (ms)", lags))
+            if names
+        ]
+        return replace(self, sentences=(*self.sentences, *told)) if told else self
 
     def __str__(self) -> str:
         rows: list[tuple[str, ...]] = [
             ("joint", "armature", "damping", "frictionloss", "kp", "kv", "limit", "add to command")
         ]
         for drive in self.joints:
-            shift = 0.0 - 1e3 * drive.shift if drive.kp else None
+            shift = 0.0 - 1e3 * drive.shift if drive.kp and not drive.overloaded else None
             numbers = (drive.rotor, drive.viscous, drive.coulomb, drive.kp, drive.kv, drive.effort, shift)
             rows.append((drive.joint, *("-" if value is None else f"{value:.4g}" for value in numbers)))
-        if not any(drive.shift and drive.kp for drive in self.joints):
+        if not any(drive.shift and drive.kp and not drive.overloaded for drive in self.joints):
             rows = [row[:-1] for row in rows]
         return "\n".join([*columned(rows), *([""] if self.sentences else []), *self.sentences])
 
@@ -176,7 +191,9 @@ def drives_of(fit: Identification, where: str) -> Drives:
                     f"{where}: the {word} of joint {name!r} is negative ({value:.4g}): no drive has that"
                 )
         given = {key: column[j] for key, column in servo.items() if j < n}
+        soft = bool(positions.get("soft") or positions.get("sticks"))
         creep, rest = given.get(SOFT[0]), given.get(SOFT[1])
+        creep = STUCK_CREEP_S if positions.get("sticks") else creep
         drives.append(
             JointDrive(
                 joint=name,
@@ -194,7 +211,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 offset=0.0 if stiffness else offset,
                 bias_rad=given.get("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]) if j < len(smoothing) else 0.0,
-                softness=(creep, rest) if creep and rest and positions.get("soft") else None,
+                softness=(creep, rest) if creep and rest and soft else None,
                 per_step={
                     FIELDS[row["kind"]]: row["per_step"]
                     for row in positions.get("rows", ())
@@ -228,6 +245,10 @@ def drives_of_links(model: ExportModel) -> Drives:
 def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     sentences = []
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
+    if false := [drive.joint for drive in joints if drive.overloaded]:
+        sentences.append(
+            f"offsets of {brief(series(false), 60)} are larger than any command can replace: gain or offset is false"
+        )
     if offsets and all(drive.kp for drive in offsets):
         sentences.append(
             "offsets have no place in the file: add the last column (mrad or mm) to the commands"
@@ -235,11 +256,9 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     elif offsets:
         names = series(drive.joint for drive in offsets)
         sentences.append(f"torque offsets of {names} are left out: no format can represent them")
-    delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
-    if delay or lag:
-        behind = f", and behind a lag of {1e3 * lag:.3g} ms" if lag else ""
+    if delay := max(drive.delay_s for drive in joints):
         sentences.append(
-            f"commands act {1e3 * delay:.4g} ms late{behind}: hold them back by as much in the simulation"
+            f"commands act {1e3 * delay:.4g} ms late: hold them back by as much in the simulation"
         )
     return sentences
 

@@ -1,10 +1,11 @@
 """A result in the user's MJCF: attributes of joints, tendons and actuators, and ``<inertial>``; no other byte changes.
 
 A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, and ``solreffriction`` and
-``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv`` and
-``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. The
-spring of a coupled joint is part of its leader's, so its own element loses it. What tendons of one joint add stays theirs. A body
-gets mass, centre and inertia of all that moves with it, less those of the bodies fixed to it, which keep theirs if they can. An
+``solimpfriction`` where a result on positions has another softness than the file. Its position actuator gets ``kp``, ``kv``,
+``forcerange`` and, where the result has another lag, ``timeconst``; a general one ``gainprm`` and ``biasprm``. Values already in
+the file, also by a default class, do not change. The spring of a coupled joint is part of its leader's, so its own element loses
+it. What tendons of one joint add stays theirs. A body gets mass, centre and inertia of all that moves with it, less those of the
+bodies fixed to it, which keep theirs if they can. An
 included file that changes stands in the place of its include. Tested in ``tests/test_export_drives.py``,
 ``tests/test_export_links.py``, ``tests/test_softness.py`` and ``tests/test_couplings.py``.
 """
@@ -87,6 +88,10 @@ def edit_mjcf(
         sentences.append(
             f"{listing(motors, 60)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
         )
+        if lag := max(drive.lag_s for drive in drives.joints):
+            sentences.append(
+                f"their commands act behind a lag of {1e3 * lag:.3g} ms: filter them in your own code too"
+            )
     sentences += softness(drives, path, elements, step_s or 0.0)
     edits: list[Edit] = []
     if links is not None:
@@ -225,6 +230,15 @@ def _actuator_edits(
             attribute_edit(element, "gainprm", number(kp * setting.servo.slope)),
             attribute_edit(element, "biasprm", numbers([kp * setting.servo.offset, -kp, -kv])),
         ]
+    if not _same(old.lag_s, drive.lag_s):
+        lag = {"timeconst": number(drive.lag_s)}
+        if setting.tag != "position":
+            lag = (
+                {"dyntype": "filterexact", "dynprm": number(drive.lag_s)}
+                if drive.lag_s
+                else {"dyntype": "none"}
+            )
+        edits += [attribute_edit(element, key, value) for key, value in lag.items()]
     if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
         force = drive.effort / setting.gear
         edits.append(attribute_edit(element, "forcerange", numbers([-force, force])))

@@ -20,6 +20,8 @@ from .._tools.threads import core_threads
 from .._tools.words import counted, known_names, nearest, number_of
 from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column, DataFile
 
+LIST = re.compile(r'"\s*\[[^\]"]*\]\s*"')
+"""Pattern of a cell that is a list in JSON, as Python writes it into CSV."""
 # A number with a decimal comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
@@ -59,7 +61,7 @@ class CsvFile(DataFile):
         self._delimiter = delimiter
         end = self._body.find(b"\n")
         self._first = self._decoded(0, len(self._body) if end < 0 else end, 1)
-        cells = [cell.strip().strip('"') for cell in self._split(self._first)]
+        cells = [cell.strip().strip('"') for cell in self._with_lists(self._split(self._first), end)]
         if decimal == ",":
             cells = self._with_points(cells, header, end)
         self.n_columns = len(cells)
@@ -133,6 +135,21 @@ class CsvFile(DataFile):
             return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
         except csv.Error as reason:
             self.fail(f"this is not a CSV file ({reason})")
+
+    def _with_lists(self, cells: list[str], end: int) -> list[str]:
+        """Write cells with lists, ``"[0.1, 0.2]"``, as a cell a number; return the names, ``q`` as ``q_1`` and ``q_2``."""
+        second = self._body[end + 1 : end + 1 + LONGEST_LINE].partition(b"\n")[0].decode("utf-8", "replace")
+        if end < 0 or not LIST.search(second) or self._delimiter != ",":
+            return cells
+        counts = [cell.count(",") + 1 if LIST.fullmatch(f'"{cell}"') else 0 for cell in self._split(second)]
+        self._body = self._body[: end + 1] + re.sub(rb'"\s*\[|\]\s*"|(?<=,) ', b"", self._body[end + 1 :])
+        if len(counts) != len(cells):
+            return cells
+        return [
+            f"{cell}_{k + 1}" if count else cell
+            for cell, count in zip(cells, counts, strict=True)
+            for k in range(max(count, 1))
+        ]
 
     def _with_points(self, cells: list[str], header: bool | None, end: int) -> list[str]:
         """Turn decimal commas into points, in the numbers and not in the names; return the cells of the first line."""

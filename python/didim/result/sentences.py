@@ -399,7 +399,10 @@ WORDS: dict[str, Words] = {
     "delay": (_delay, _delay_advice),
     "drift": (_drift, _drift_advice),
     "friction": (_friction, _friction_advice),
-    "model-error": (_model_error, ""),
+    "model-error": (
+        _model_error,
+        "Look for what the model lacks, and compare with another log (didim validate)",
+    ),
     "held": (_held, ""),
     "size": (
         _size,

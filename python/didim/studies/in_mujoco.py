@@ -310,7 +310,11 @@ def replayed(
     places, speeds, servo = places_of(model, drives, name)
     edges = np.arange((len(measured) - 1) * steps + 1, dtype=np.float64) * h
     delay = np.array([drive.delay_s for drive in drives.joints])
-    target = Held(commands, rate_hz).means(edges, delay, np.array([drive.lag_s for drive in drives.joints]))
+    filters = [
+        None if actuator is None or model.actuator_actadr[actuator] < 0 else actuator for actuator in servo
+    ]
+    lags = [drive.lag_s if own is None else 0.0 for drive, own in zip(drives.joints, filters, strict=True)]
+    target = Held(commands, rate_hz).means(edges, delay, np.array(lags))
     target = target - np.array([drive.shift for drive in drives.joints])
     bias = np.array([drive.bias_rad for drive in drives.joints])
     kp, kv = (np.array([getattr(drive, key) or 0.0 for drive in drives.joints]) for key in ("kp", "kv"))
@@ -319,6 +323,9 @@ def replayed(
     data = mujoco.MjData(model)
     q0, dq0 = start_state(measured, rate_hz)
     data.qpos[places], data.qvel[speeds] = q0 - bias, dq0
+    for j, actuator in enumerate(filters):
+        if actuator is not None:
+            data.act[model.actuator_actadr[actuator]] = target[0, j]
     replay = np.empty_like(measured)
     replay[0] = q0
     controls = [(actuator, j) for j, actuator in enumerate(servo) if actuator is not None]

@@ -32,6 +32,11 @@ def load_model(path: Path) -> Any:
             *(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE),
         ]:
             _delete(spec, element)
+        for body in spec.bodies:
+            if hasattr(
+                body, "simple"
+            ):  # MuJoCo 4: another centre of mass, by a load, is refused for such bodies
+                body.simple = 0
         try:
             model = spec.compile()
         except ValueError:

@@ -26,6 +26,9 @@ from ...robot.transmission import SOFTNESS
 
 Asked = tuple[str, tuple[int, ...], int | None, str]
 """Kind, joints, recording and name of an unknown, as in `Column`."""
+STICKS = 1e4
+"""Largest friction in steps for differences, which are a thousandth of the servo's rms torque: a joint that moves has less than ten
+times that torque, and one that sticks does not tell how much more it has."""
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
 
@@ -67,6 +70,11 @@ class Column:
     def of_drive(self) -> bool:
         """Whether the unknown belongs to a servo; otherwise it is a standard parameter."""
         return self.kind in DRIVE
+
+    @property
+    def scales(self) -> bool:
+        """Whether it is a factor of torques, which a gain kp takes too."""
+        return self.kind not in DRIVE or self.kind in ("kv", "saturation")
 
 
 @dataclass(frozen=True)
@@ -129,7 +137,10 @@ def file_values(experiment: Experiment, given: Mapping[str, float] | None = None
         "kp": kp,
         "kv": law.laws[:, 1] * law.gain,
         "saturation": law.saturation * law.gain,
-        **dict.fromkeys(("delay_s", "lag_s", "bias_rad"), np.zeros(robot.n_dof)),
+        **dict.fromkeys(("delay_s", "bias_rad"), np.zeros(robot.n_dof)),
+        "lag_s": np.array(
+            [0.0 if servo is None else servo.lag_s for servo in robot.actuators or [None] * robot.n_dof]
+        ),
     }
     drive |= dict(zip(SOFT, np.transpose(robot.softness or [SOFTNESS] * robot.n_dof), strict=True))
     for kind, unknown in experiment.unknown.items():
@@ -196,9 +207,10 @@ def columns_of(
             start, unit = float(values.x[places[name]]), robot.parameter_units[places[name]]
         low = max(unknown.low, 0.0 if kind in NEVER_NEGATIVE else -math.inf)
         step = float(np.min(steps[kind][at]))
-        columns.append(
-            Column(kind, joints, recording, name, unit, start, low, unknown.high, unknown.sigma, step)
-        )
+        high = unknown.high
+        if kind == "Fc" and "kp" not in experiment.unknown:
+            high = min(high, max(STICKS * step, start))
+        columns.append(Column(kind, joints, recording, name, unit, start, low, high, unknown.sigma, step))
     return columns
 
 

@@ -38,7 +38,7 @@ from .intervals import (
     per_step,
     widened,
 )
-from .knowledge import by_sentence, unidentified, weak_pairs
+from .knowledge import by_sentence, held_at, unidentified, weak_pairs
 from .laws import (
     LEAST_M,
     search_of_either_friction,
@@ -62,6 +62,8 @@ UNLIKE = 3.0
 """Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
 """Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
+SCALE = "positions show no common factor of all torques: with the masses of the file and kp off by 10 %, so are Ia, Fv, Fc and Off"
+"""Sentence on what no log of positions tells."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
@@ -101,7 +103,7 @@ def identify_positions(
     else:
         now = searched(now, options)
     rest = without_pushes(now, options)
-    if rest is not now and may_be_soft(experiment) and not rest.problem.soft:
+    if rest is not now and may_be_soft(experiment) and not (rest.problem.soft or rest.problem.sticks):
         # Pushes had hidden the law of friction.
         rest, shift = search_of_either_friction(rest, options)
     now = with_explained_stretches(rest, options)
@@ -109,7 +111,7 @@ def identify_positions(
     inexact = errors_over_noise(now, LEAST_M) > LASTING
     at = [bool(inexact[list(column.joints)].any()) for column in now.problem.columns]
     spread = widened(intervals(now), np.where(at, shift, 0.0))
-    return _result(now, spread, before, model_errors(over, shift))
+    return _result(now, spread, before, model_errors(over, shift, now.rows / experiment.robot.n_dof))
 
 
 def _check(method: CLOESettings, experiment: Experiment) -> None:
@@ -197,6 +199,7 @@ def _record(now: Search, spread: Intervals, before: Array, after: Array) -> dict
         "limbs": _limbs(problem),
         "smoothing": list(problem.robot.friction.smoothing),
         "soft": problem.soft,
+        "sticks": problem.sticks,
         "pushed": [[stop.joint, stop.recording, stop.begin, stop.end] for stop in problem.pushed],
         "blocks": spread.blocks,
         "kind": spread.kind,
@@ -249,7 +252,7 @@ def _rows(now: Search, spread: Intervals) -> list[dict[str, Any]]:
                 "high": min(value + half, column.high) if known else None,
                 "before": column.start,
                 "by": by,
-                "text": now.held.get(k, ""),
+                "text": held_at(now, k) if k in now.held else "",
                 "per_step": float(steps[k]),
             }
         )
@@ -307,7 +310,7 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
 def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> list[Finding]:
     """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
     problem, findings = now.problem, []
-    for sentence, columns in by_sentence(problem, now.held).items():
+    for sentence, columns in by_sentence(now).items():
         late = columns[0].kind in ("delay_s", "lag_s")
         findings.append(
             worded(
@@ -319,6 +322,7 @@ def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> lis
                 parameters=tuple(column.name for column in columns),
             )
         )
+    findings.append(worded(kind="untold", sentence=SCALE, advice="", grade="note"))
     stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s", *SOFT)]
     if stuck:
         names = series(row["name"] for row in stuck)

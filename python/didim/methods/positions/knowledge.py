@@ -50,13 +50,16 @@ SMALLEST = 1e-13
 """Smallest eigenvalue of the scaled matrix that is inverted; below it is rounding."""
 
 
+RATIOS = "only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor"
+"""Sentence on a gain that is exchangeable with the torques of its joint, also where a search has taken all of them to zero."""
 WITHOUT_EFFECT = {
+    "kp": RATIOS,
     "bias_rad": "a bias has no effect where gravity does not turn with the joint, for the loop reads that encoder",
     "saturation": "the limit of the torque is never reached",
 }
 """Sentence on an unknown that moves nothing, by its kind; others have no effect on the motion."""
 EXCHANGEABLE = {
-    "kp": "only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor",
+    "kp": RATIOS,
     "kv": "only Fv + kv is known, for without saturation they are one parameter",
     "delay_s": "slow commands show only {kind} + (Fv + kv)/kp",
     "lag_s": "slow commands show only {kind} + (Fv + kv)/kp",
@@ -93,9 +96,8 @@ def unidentified(now: Search, *, strict: bool = False, error: float | None = Non
     for k in np.flatnonzero(free).tolist():
         column = problem.columns[k]
         if math.sqrt(a[k, k] / rows) * _range(column) < max(0.0 if strict else NULL_SHARE * error, NULL_M):
-            held[k] = _held(
-                column, WITHOUT_EFFECT.get(column.kind, "{kind} has no effect on the motion of this log")
-            )
+            known = WITHOUT_EFFECT.get(column.kind, "{kind} has no effect on the motion of this log")
+            held[k] = known.format(kind=column.kind)
             free[k] = False
     while True:
         use = np.flatnonzero(free & (np.diag(a) > 0.0))
@@ -121,18 +123,11 @@ def unidentified(now: Search, *, strict: bool = False, error: float | None = Non
         partners = [problem.columns[use[p]].kind for p in np.argsort(-sizes)[:3] if sizes[p] > 0.5]
         others = brief(" and ".join(dict.fromkeys(partners)), 40) or "the others"
         column = problem.columns[k]
-        held[k] = _held(
-            column, EXCHANGEABLE.get(column.kind, "{kind} moves the robot as {others} do"), others
-        )
+        known = EXCHANGEABLE.get(column.kind, "{kind} moves the robot as {others} do")
+        held[k] = known.format(kind=column.kind, others=others)
         if column.kind == "bias_rad":
             held[k] += ", and Off has what there is"
         free[k] = False
-
-
-def _held(column: Column, known: str, others: str = "") -> str:
-    """Return what is known in the place of an unknown, and the value that it is held at."""
-    known = known.format(kind=column.kind, others=others)
-    return f"{known}; {column.kind} is held at {column.start:g} {column.unit}"
 
 
 def _excess(
@@ -200,11 +195,18 @@ def where_of(robot: Robot, column: Column) -> str:
     return "all joints" if len(column.joints) == robot.n_dof else column.name
 
 
-def by_sentence(problem: Problem, held: Mapping[int, str]) -> dict[str, list[Column]]:
+def held_at(now: Search, k: int) -> str:
+    """Return what is known in the place of an unknown, and the value that it is held at."""
+    column = now.problem.columns[k]
+    return f"{now.held[k]}; {column.kind} is held at {now.theta[k]:.6g} {column.unit}"
+
+
+def by_sentence(now: Search) -> dict[str, list[Column]]:
     """Return unknowns that are held by sentence, with joints of equal sentences together."""
     groups: dict[str, list[Column]] = {}
-    for k, known in sorted(held.items()):
-        groups.setdefault(known, []).append(problem.columns[k])
+    problem = now.problem
+    for k in sorted(now.held):
+        groups.setdefault(held_at(now, k), []).append(problem.columns[k])
     columns_by_sentence = {}
     for known, columns in groups.items():
         places = [where_of(problem.robot, column) for column in columns]

@@ -29,6 +29,11 @@ MOST_ROUNDS = 6
 """Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
+HIGHER = 1.1
+"""Squared errors with an unidentified unknown at its start, over those with it free, up to which the start explains a log as well:
+1.02 for the true gains of the Go2 log, which chose it."""
+OF_FRICTION = 0.5
+"""Share of the squared errors of a stretch that other friction of its joint must explain, so that they are none of a push."""
 HARD = 5e-5, 2.5e-3
 """Creep and rest (s) from which those of friction that a smooth sign fits better are searched: a quarter or less of MuJoCo's."""
 STILL = 1e-3
@@ -43,15 +48,45 @@ friction has 0.6 to 2.5 times the default time constant have 0.01 to 0.4, with a
 
 
 def searched(now: Search, options: dict[str, Any]) -> Search:
-    """Search; hold unknowns that the log turns out not to identify at their starts, and search again."""
+    """Search; hold unknowns that the log turns out not to identify, and search again.
+
+    They are held at their starts, or where they are if that leaves larger errors. Those of drives come first, because with a false
+    gain the others may have no effect.
+    """
     now = search(now, **options)
     while now.status.converged and (more := unidentified(now)):
-        theta, start = now.theta.copy(), now.problem.start
-        theta[list(more)] = start[list(more)]
-        now = begun(now.problem, theta, now)
-        now.held |= more
-        now = search(now, **options)
+        more = {k: known for k, known in more.items() if now.problem.columns[k].of_drive} or more
+        try:
+            rest = begun(now.problem, _at_starts(now, list(more)), now)
+        except FitError:
+            rest = None
+        if rest is not None:
+            rest.held |= more
+            rest = search(rest, **options)
+        if rest is None or not rest.cost <= HIGHER * now.cost:
+            now.held |= more
+            if rest is not None:
+                now.history = rest.history
+                if rest.status is Status.STOPPED:
+                    return replace(now, status=rest.status)
+            rest = search(now, **options)
+        now = rest
     return now
+
+
+def _at_starts(now: Search, held: list[int]) -> Array:
+    """Return the unknowns with some at their starts; torques of the joints of a gain that returns there keep their ratios to it."""
+    columns, theta, start = now.problem.columns, now.theta.copy(), now.problem.start
+    theta[held] = start[held]
+    for k in held:
+        if columns[k].kind == "kp" and now.theta[k] > 0.0:
+            at = [
+                j
+                for j, column in enumerate(columns)
+                if column.scales and j not in held and {*column.joints} <= {*columns[k].joints}
+            ]
+            theta[at] *= start[k] / now.theta[k]
+    return np.clip(theta, *now.problem.bounds)
 
 
 def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Search, Array]:
@@ -63,7 +98,7 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
         return now, shift
-    if (promise := _promised(replace(now.problem, soft=True), now)) is not None:
+    if (promise := _promised(replace(now.problem, soft=True, sticks=False), now)) is not None:
         start, shift, cost = promise
         if cost < SOFTER * now.cost:
             options["reporter"].say(
@@ -72,8 +107,26 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
             rival = _searched_anew(start, options)
             shift = np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
             if rival.cost < now.cost:
-                return _of_another_softness(rival, shift, options)
-    return _of_another_softness(searched(now, options), shift, options)
+                return _sticking(*_of_another_softness(rival, shift, options), options)
+    return _sticking(*_of_another_softness(searched(now, options), shift, options), options)
+
+
+def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Search, Array]:
+    """Search with friction that sticks, where errors and derivatives promise less than the other laws leave.
+
+    Joints of a smooth sign, and of MuJoCo's friction, creep at rest; those of geared servos stay where they are.
+    """
+    problem = now.problem
+    if not now.status.converged or {*SOFT} & {*problem.experiment.unknown} or not _unexplained(now):
+        return now, shift
+    start = _promised(replace(problem, soft=False, sticks=True), now)
+    if start is None or not start[2] < SOFTER * now.cost:
+        return now, shift
+    options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
+    rival = _searched_anew(start[0], options)
+    if not rival.cost < SOFTER * now.cost:
+        return now, shift
+    return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
 
 
 def with_softness(experiment: Experiment) -> Experiment:
@@ -94,7 +147,7 @@ def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> 
     if not now.status.converged or not _unexplained(now):
         return now, shift
     problem = now.problem
-    unknown = replace(problem, soft=True, experiment=with_softness(problem.experiment))
+    unknown = replace(problem, soft=True, sticks=False, experiment=with_softness(problem.experiment))
     promise = _promised(unknown, now, () if problem.soft else HARD)
     if promise is None:
         return now, shift
@@ -132,9 +185,12 @@ def _as_smooth_sign(now: Search) -> Array:
 
 
 def _searched_anew(start: Search, options: dict[str, Any]) -> Search:
-    """Search with all unknowns from a point that was only screened."""
+    """Search with all unknowns from a point that was only screened; it stays there if it cannot be simulated step by step."""
     start.problem.every_jump = True
-    now = begun(start.problem, start.theta, start)
+    try:
+        now = begun(start.problem, start.theta, start)
+    except FitError:
+        return start
     now.held = {}
     now.held = unidentified(now, strict=True)
     return searched(now, options)
@@ -164,10 +220,35 @@ def without_pushes(now: Search, options: dict[str, Any]) -> Search:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
     for _ in range(MOST_ROUNDS):
         more = _pushed(now.problem, now.errors, STRONGEST) if now.status.converged else []
+        more = [stop for stop in more if not _of_friction(now, stop)]
         before, now = now, _without(now, [*now.problem.pushed, *more], options) if more else now
         if now is before:
             break
     return now
+
+
+def _of_friction(now: Search, stop: Stop) -> bool:
+    """Whether other friction of the joint explains most of the errors of a stretch, and a constant torque explains less."""
+    names = [column.name for column in now.problem.columns]
+    explained = []
+    for kinds in (("Fv", "Fc"), ("Off",)):
+        squares = np.zeros(2)
+        for rollout, errors, blocks in zip(now.problem.rollouts, now.errors, now.blocks, strict=True):
+            begin = rollout.window.begin + rollout.first
+            rows = slice(max(stop.begin - begin, 0), max(stop.end - begin, 0))
+            if rollout.recording != stop.recording or stop.joint not in rollout.joints:
+                continue
+            count, index = len(rollout.joints), rollout.joints.index(stop.joint)
+            e = errors.reshape(-1, count)[rows, index]
+            own = now.problem.own(rollout).tolist()
+            asked = [names.index(name) for kind in kinds if (name := f"{kind}{stop.joint + 1}") in names]
+            left = e
+            if e.size and asked:
+                j = blocks[:, [own.index(k) for k in asked]].reshape(-1, count, len(asked))[rows, index]
+                left = e - j @ np.linalg.lstsq(j, e)[0]
+            squares += e @ e, left @ left
+        explained.append(1.0 - squares[1] / max(squares[0], np.finfo(float).tiny))
+    return bool(explained[0] > max(explained[1], OF_FRICTION))
 
 
 def with_explained_stretches(now: Search, options: dict[str, Any]) -> Search:
@@ -185,13 +266,13 @@ def with_explained_stretches(now: Search, options: dict[str, Any]) -> Search:
 
 
 def _without(now: Search, pushed: Sequence[Stop], options: dict[str, Any]) -> Search:
-    """Search again without stretches; the same search if too little would be left."""
+    """Search again without stretches; the same search if too little would be left, or cannot be simulated."""
     try:
-        rest = replace(now.problem, pushed=pushed)
+        rest = begun(replace(now.problem, pushed=pushed), now.theta, now)
     except FitError:
         return now
     options["reporter"].say(f"stretches left out because something pushes a joint: {len(pushed)}")
-    return search(begun(rest, now.theta, now), **options)
+    return search(rest, **options)
 
 
 def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list[Stop]:

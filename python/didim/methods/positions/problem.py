@@ -31,6 +31,9 @@ from .stops import Stop, free_stretches, refuse_little, stops_of
 
 SMOOTHING = 0.01
 """Velocity (rad/s or m/s) of Coulomb friction's tanh if neither robot nor [simulation] declares one."""
+STICKING = 1e-4
+"""Velocity (rad/s or m/s) of the tanh of friction that sticks: a joint at rest creeps by less than half a count of an encoder in
+10 s, where one with `SMOOTHING` drifts by 50 mrad under half of its friction."""
 STEP_S, FINE_STEP_S = 2e-3, 5e-4
 """Steps (s) of the simulation, and near velocity zero, by default."""
 LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
@@ -127,6 +130,8 @@ class Problem:
         Values of standard parameters in the place of those of the robot file.
     soft : bool
         Friction as MuJoCo has it in the place of a smooth sign.
+    sticks : bool
+        A smooth sign so steep that joints at rest stay where they are.
     pushed : sequence of Stop
         Stretches in which a fit found a joint pushed.
     simulated : list of int
@@ -160,6 +165,7 @@ class Problem:
     threads: int | None = None
     given: Mapping[str, float] | None = None
     soft: bool = False
+    sticks: bool = False
     pushed: Sequence[Stop] = ()
     simulated: list[int] = field(default_factory=list)
     every_jump: bool = field(default=False, init=False)
@@ -171,6 +177,10 @@ class Problem:
         robot = settings.robot(experiment.robot)
         if robot.friction.coulomb != "tanh" or min(robot.friction.smoothing) <= 0.0:
             robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
+        if self.sticks:
+            robot = robot.with_smoothing([STICKING] * robot.n_dof)
+            fine = STEP_S / 2.0 if settings.fine_step_s is None else settings.fine_step_s
+            settings = replace(settings, integrator="imex", fine_step_s=fine)
         self.values = file_values(experiment, self.given)
         if self.soft:  # it needs finer steps at velocity zero only if it is harder than by MuJoCo's defaults
             rest = self.values.drive[SOFT[1]].min()

@@ -33,13 +33,17 @@ def prospect(experiment: Experiment) -> tuple[list[Finding], list[str]]:
     DidimError
         One of its kinds, for an experiment that cannot be fitted.
     """
-    problem = Problem(experiment)
-    now = begun(problem)
+    return prospect_of(begun(Problem(experiment)))
+
+
+def prospect_of(now: Search) -> tuple[list[Finding], list[str]]:
+    """Return findings and sentences, as `prospect`, of a search that stands at its start."""
+    problem, experiment = now.problem, now.problem.experiment
     advice = "Log the joint moving freely, or go on without these stretches"
     findings = [_lack(each.sentence, advice, each.joints) for each in findings_of(experiment, problem.stops)]
     remarks = []
     now.held = unidentified(now, error=MODEL_ERROR)
-    for sentence, columns in by_sentence(problem, now.held).items():
+    for sentence, columns in by_sentence(now).items():
         joints = {joint + 1 for column in columns for joint in column.joints}
         advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
         findings.append(_lack(sentence, advice, tuple(sorted(joints))))

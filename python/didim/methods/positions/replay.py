@@ -93,11 +93,11 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
         For an experiment that has other unknowns than the result.
     """
     record = PositionRecord.of(fit.settings)
-    soft = record is not None and record.soft
+    soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
     pushed = pushed_of(fit, experiment)
     values = dict(zip(fit.names, fit.beta, strict=True))
     unknown = with_softness(experiment) if SOFT[1] in values else experiment
-    problem = Problem(unknown, soft=soft, pushed=pushed)
+    problem = Problem(unknown, soft=soft, sticks=sticks, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
         raise FitError(

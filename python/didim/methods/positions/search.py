@@ -127,11 +127,11 @@ def begun(
 
 
 def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> Search:
-    """Search from where one stands until the cost falls by less than `tolerance`."""
+    """Search from where one stands, by at most so many steps, until the cost falls by less than `tolerance`."""
     problem, rows = now.problem, now.rows
     low, high = problem.bounds
     damping, done = FIRST_DAMPING, len(now.history)
-    while len(now.history) < most:
+    while len(now.history) < done + most:
         a, b = now.normal()
         fall, size = 0.0, 0.0
         for raised in range(MOST_RAISES):

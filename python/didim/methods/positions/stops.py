@@ -96,7 +96,7 @@ def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> l
             for index, joint in enumerate(at):
                 held = _held(
                     q[:, index],
-                    (r - q)[:, index],
+                    r[:, index],
                     pull[:, index],
                     math.ceil(lasts_s[index] * rate),
                     float(noise[joint]),
@@ -119,17 +119,20 @@ def _pull(limb: Limb, values: Values, q: Array, r: Array, rate: float) -> tuple[
 
 
 def _held(
-    q: Array, ahead: Array, pull: Array, count: int, noise: float, limits: tuple[float, float] | None
+    q: Array, r: Array, pull: Array, count: int, noise: float, limits: tuple[float, float] | None
 ) -> list[tuple[int, int, float | None]]:
     """Return stretches of one joint, (begin, end, end of the range), by the pull of its drive over kp (rad or m).
 
-    Only at an end of the range gravity alone may hold it; elsewhere the command is `ahead` of it, for the mount may be wrong.
+    Only at an end of the range gravity alone may hold it; elsewhere the command `r` is ahead of it, for the mount may be wrong. A
+    joint whose command rests stands by its own friction.
     """
-    speed = np.gradient(q)
+    speed, ahead = np.gradient(q), r - q
     moving = np.abs(speed) > 0.5 * np.sqrt(np.mean(speed**2))
     if count >= len(q) or not moving.any():
         return []
     usual = max(float(np.median(np.abs(pull[moving]))), noise)
+    if np.ptp(r) < PULL * usual:
+        return []
     stretches = []
     for side in (-1.0, 1.0):
         held = _pulled(side * q, np.minimum(side * pull, side * ahead), count, PULL * usual)
@@ -144,11 +147,11 @@ def _held(
         for a, b in true_ranges(held):
             if b <= last:
                 continue
-            level = float(np.min(side * q[a:b])) - noise
-            while a > last and side * q[a - 1] > level:
-                a -= 1
-            while b < len(q) and side * q[b] > level:
-                b += 1
+            # It stays there before and after the pull too; what goes on beyond that place is free.
+            low, high = (float(of(side * q[a:b])) for of in (np.min, np.max))
+            stays = np.abs(side * q - (low + high) / 2.0) < (high - low) / 2.0 + noise
+            a = max(last, a - int(np.argmin(np.append(stays[:a][::-1], False))))
+            b += int(np.argmin(np.append(stays[b:], False)))
             at_end = bool(np.max(side * q[a:b]) > near_end)
             stretches.append((a, b, side * end if at_end else None))
             last = b

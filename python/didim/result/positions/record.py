@@ -35,6 +35,8 @@ class PositionRecord:
         Velocity of the tanh of the friction of each joint (rad/s or m/s).
     soft : bool
         Whether friction is MuJoCo's soft constraint in the place of the tanh.
+    sticks : bool
+        Whether that tanh is so steep that joints at rest stay where they are.
     pushed : sequence of sequence of int
         Joint, recording, first and last sample (from 0) of stretches without which the last search ran.
     blocks, kind : int, str
@@ -51,6 +53,7 @@ class PositionRecord:
     blocks: int
     kind: str
     soft: bool = False
+    sticks: bool = False
     pushed: Sequence[Sequence[int]] = ()
 
     @classmethod
