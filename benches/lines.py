@@ -86,12 +86,12 @@ def counted_before(revision: str) -> Counter[str]:
 
 
 CEILINGS = {
-    "files": 388,
+    "files": 389,
     "imports, share of the lines of code (%)": 10.8,
-    "constants that are numbers": 679,
-    "private functions that one place calls": 576,
+    "constants that are numbers": 690,
+    "private functions that one place calls": 578,
     "settings of results read as a table": 33,
-    "branches on the law of a friction term outside terms/": 83,
+    "branches on the law of a friction term outside terms/": 87,
 }
 """Largest value of each measure: that of the last version which had fewer."""
 

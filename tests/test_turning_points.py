@@ -251,7 +251,7 @@ class Rows:
     """A log of one joint: what further columns bring is given."""
 
     def __init__(self, d: float, better: int, shift: float, extra: float = 0.0, torque: float = 1.0) -> None:
-        self.y = np.full((1, 10), torque)
+        self.y, self.declared_seen = np.full((1, 10), torque), np.ones(1)
         self.n, self.names, self.beta = 1, ("ZZ1",), np.zeros(1)
         self.robot = stub(friction=stub(coulomb="sign"))
         self.parts = [stub(rate_hz=100.0)]
@@ -291,6 +291,14 @@ def test_delays(
     monkeypatch: pytest.MonkeyPatch, d: float, better: int, shift: float, samples: float, grade: str
 ) -> None:
     assert late(monkeypatch, Rows(d, better, shift, -samples)) == grade
+
+
+@pytest.mark.parametrize(("torque", "grade"), [(6.2, "wrong"), (6.5, "doubtful")])
+def test_a_delay_of_a_small_error_is_not_wrong(
+    monkeypatch: pytest.MonkeyPatch, torque: float, grade: str
+) -> None:
+    """The error is 1, and 5 % of the norm of ten torques of 6.3."""
+    assert late(monkeypatch, Rows(-1.45, 9, 2.1, -1.0, torque=torque)) == grade
 
 
 @pytest.mark.parametrize(("shift", "grade"), [(2.9, "note"), (3.1, "doubtful")])

@@ -29,6 +29,7 @@ from .thresholds import (
     FRICTION_EFFECT,
     FRICTION_SHIFT,
     NAMED,
+    SIZE_DOUBTFUL,
     SMALLEST_SAMPLES,
 )
 
@@ -143,10 +144,12 @@ def delay_findings(rows: LogRows, std: Array, *, obeyed: bool) -> list[Finding]:
     better = d <= FRICTION_D and judged.better_blocks(rows.declared) >= BLOCKS_BETTER
     if abs(late) < SMALLEST_SAMPLES or not better or effect < DELAY_DOUBTFUL:
         return []
+    # A real delay that moves parameters little of what they are is no reason to call a small error wrong.
+    large = rows.declared_seen.sum() > SIZE_DOUBTFUL**2 * np.sum(np.square(rows.y))
     return [
         Finding(
             code="delay",
-            grade="wrong" if effect > DELAY_WRONG and d <= NAMED else "doubtful",
+            grade="wrong" if effect > DELAY_WRONG and d <= NAMED and large else "doubtful",
             value=late,
             deviation=float(judged.std[-1]),
             effect=effect,
