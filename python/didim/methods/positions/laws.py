@@ -29,6 +29,9 @@ MOST_ROUNDS = 6
 """Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
+STUCK = 0.9
+"""Squared errors over those of the other laws, below which friction that sticks is taken: a push makes it seem a little better, and
+on a real hobby arm, which chose it, it leaves 0.77."""
 HIGHER = 1.1
 """Squared errors with an unidentified unknown at its start, over those with it free, up to which the start explains a log as well:
 1.02 for the true gains of the Go2 log, which chose it."""
@@ -120,11 +123,11 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     if not now.status.converged or {*SOFT} & {*problem.experiment.unknown} or not _unexplained(now):
         return now, shift
     start = _promised(replace(problem, soft=False, sticks=True), now)
-    if start is None or not start[2] < SOFTER * now.cost:
+    if start is None or not start[2] < STUCK * now.cost:
         return now, shift
     options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
     rival = _searched_anew(start[0], options)
-    if not rival.cost < SOFTER * now.cost:
+    if not rival.cost < STUCK * now.cost:
         return now, shift
     return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
 
