@@ -97,8 +97,6 @@ FEWEST_ROWS = 3
 """Smallest number of rows of a stretch between two reversals; shorter ones join the next."""
 ONE_SIDED = 6.0
 """Bias, in deviations, from which one side of an interval alone misses it."""
-NEWTON_STEPS = 6
-"""Steps of Newton's method to the half width of an interval with a bias: from its start they end at rounding."""
 ROUNDING = 1e-8
 """Norm of a column outside the span of A, as a share, below which the model already contains the column."""
 
@@ -113,7 +111,7 @@ def bounded(std: Array, bias: Array) -> Array:
     size = quotient(np.abs(bias), std)
     near = np.minimum(size, ONE_SIDED)
     half = near + 1.9600
-    for _ in range(NEWTON_STEPS):
+    for _ in range(6):  # Newton's method: from this start it ends at rounding
         missed = ndtr(half - near) - ndtr(-half - near) - 0.95
         density = np.exp(-0.5 * (half - near) ** 2) + np.exp(-0.5 * (half + near) ** 2)
         half -= missed * np.sqrt(2.0 * np.pi) / density
