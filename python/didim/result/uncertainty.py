@@ -208,11 +208,11 @@ class Uncertainty(Pickled):
         for each in self.at_speeds:
             unit, speed_unit = ("N.m", "rad/s") if each.kind == "revolute" else ("N", "m/s")
             reason = (
-                f"{MISSING[each.law]} is missing"
+                f" {'lacks' if each.seen else 'may lack'} {MISSING[each.law]}"
                 if each.law
-                else f"velocity of {each.parameters[0]} unknown"
+                else f": velocity of {each.parameters[0]} unknown"
                 if each.refused
-                else f"{each.parameters[0]} and {each.parameters[1]} exchange"
+                else f": {each.parameters[0]} and {each.parameters[1]} exchange"
             )
             values = [
                 (f"{speed:.2g} {speed_unit}", f"{torque:.4g} +- {0.5 * (high - low):.2g}")
@@ -221,7 +221,7 @@ class Uncertainty(Pickled):
                 )
             ]
             cells.append(
-                (f"joint {each.joint + 1}: {reason}", unit, *(cell for pair in values for cell in pair))
+                (f"joint {each.joint + 1}{reason}", unit, *(cell for pair in values for cell in pair))
             )
         return cells
 

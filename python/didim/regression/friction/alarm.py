@@ -915,7 +915,9 @@ class FrictionAtSpeeds:
         Friction at these speeds (N.m or N), half the difference between both directions at the median load, and both ends of its
         95 % interval.
     law : str
-        Law that the joint has and the model lacks, or empty.
+        Law that the model may lack at the joint, or empty.
+    seen : bool
+        Whether the residual of the joint shows that a law is missing; that of another joint does otherwise.
     parameters : tuple of str
         The parameter of a law of speed, and that of viscous or Coulomb friction with which it is most correlated, where they
         exchange; else empty.
@@ -932,6 +934,7 @@ class FrictionAtSpeeds:
     low: tuple[float, ...]
     high: tuple[float, ...]
     law: str = ""
+    seen: bool = False
     parameters: tuple[str, ...] = ()
     correlation: float = field(default=0.0)
     refused: bool = False
@@ -998,6 +1001,7 @@ class Sliding:
             low=tuple((torques - half).tolist()),
             high=tuple((torques + half).tolist()),
             law=here[0].law if here else "",
+            seen=self.alarm is not None and joint in self.alarm.joints,
         )
 
     @property
