@@ -157,7 +157,9 @@ def friction_at_speeds(
     moving = np.abs(np.gradient(recording.measured_positions(), 1.0 / recording.rate_hz, axis=0))
     assert fit.uncertainty is not None
     assert fit.uncertainty.friction is not None
-    unbiased = replace(fit.uncertainty.friction, missing=())
+    unbiased = replace(
+        fit.uncertainty.friction, missing=(), p_value=np.ones_like(fit.uncertainty.friction.p_value)
+    )
     noise = replace(fit, uncertainty=replace(fit.uncertainty, friction=unbiased))
     found = []
     for joint, speeds in enumerate(moving.T):

@@ -210,6 +210,17 @@ def test_deletions_are_those_of_the_constrained_problem() -> None:
     assert np.percentile(wide, 95) > 2.0
 
 
+def test_a_column_that_is_rounding_is_known_by_the_prior_alone() -> None:
+    rng = np.random.default_rng(0)
+    a = np.column_stack([rng.standard_normal((200, 3)), 1e-15 * rng.standard_normal(200)])
+    known = Factors.held(a, rng.standard_normal(200), 1e-3 * np.eye(4))
+    deviations = np.sqrt(np.sum(known.inverse**2, axis=1))
+    np.testing.assert_allclose(
+        deviations[:3], np.sqrt(np.diag(np.linalg.inv(a[:, :3].T @ a[:, :3]))), rtol=1e-2
+    )
+    assert deviations[3] == pytest.approx(1e-3**-0.5, rel=1e-6)
+
+
 def test_further_friction_terms_only_dissipate() -> None:
     """Each law at its own lowest amplitude still takes power, at every speed; a little less gives some."""
     robot = didim.load_robot("planar2").with_friction(

@@ -14,8 +14,12 @@ from didim.evidence.residual import residual_of
 from didim.evidence.thresholds import SIZE_DOUBTFUL
 from didim.evidence.uses import combined
 from didim.methods.idim_ls import IDIMLS
+from didim.robot.friction import FrictionTerm
 from didim.signal.spikes import alone, without_lone
 from planted import with_torques
+from test_friction_terms import log as friction_log
+from test_friction_terms import parameters
+from test_friction_terms import planar as arm_with
 from verdict_arms import ARMS, Log, built
 
 
@@ -207,3 +211,14 @@ def test_cloe_is_asked_the_same_questions(sound: Log) -> None:
 def test_the_larger_part_of_an_expected_error_is_named() -> None:
     assert combined(3.0, 4.0, "as on blocks") == (5.0, "mostly from the uncertainty of the parameters")
     assert combined(4.0, 3.0, "as on blocks") == (5.0, "as on blocks")
+
+
+def test_an_estimated_velocity_hides_no_missing_friction() -> None:
+    """Laws that a file gives were not chosen for the log: load friction of joint 2 is missing, whatever is known of joint 1."""
+    known = FrictionTerm(law="atan", joint=0, velocity=0.3)
+    truth = arm_with(known, FrictionTerm(law="load", joint=1))
+    noisy = friction_log(truth, parameters(truth, Fa1=1.5, Fl2=0.3), noise=0.1)
+    for term in (known, replace(known, estimated=True)):
+        fit = didim.identify(replace(noisy, robot=arm_with(term)))
+        (found,) = [reason for reason in fit.verdict.grave if reason.code == "friction"]
+        assert found.joints == (2,)

@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import didim
 from didim.errors import FitError
+from didim.loop.reference import Reference
 from didim.regression.friction.alarm import EXCHANGED, SHARES, FrictionAtSpeeds
 from didim.report.fit import fit_page
 from didim.robot.friction import FrictionTerm
 from friction_logs import Law, load, logged, robot, stribeck, subject
+from simulated import experiment
 from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -151,6 +154,10 @@ def test_friction_at_speeds_of_a_loaded_result(tmp_path: Path) -> None:
         fit.friction_at(2, [0.1])
     with pytest.raises(FitError, match="speeds must be finite and above zero"):
         fit.friction_at(0, [0.1, 0.0])
+    with pytest.raises(FitError, match="joint True does not exist"):
+        fit.friction_at(True, [0.1])
+    with pytest.raises(FitError, match="speeds must be numbers, got 'a'"):
+        fit.friction_at(0, "a")
     with pytest.raises(FitError, match="no standard deviations"):
         replace(fit, uncertainty=None).friction_at(0, [0.1])
 
@@ -205,7 +212,11 @@ def test_friction_at_speeds_is_known_where_a_law_is_missing(law: Law, names: set
                 fit,
                 uncertainty=replace(
                     fit.uncertainty,
-                    friction=replace(fit.uncertainty.friction, missing=()),
+                    friction=replace(
+                        fit.uncertainty.friction,
+                        missing=(),
+                        p_value=np.ones_like(fit.uncertainty.friction.p_value),
+                    ),
                 ),
             ).friction_at(item.joint, v)
             by_noise.append((np.array(unbiased.low) <= true) & (true <= unbiased.high))
@@ -213,3 +224,41 @@ def test_friction_at_speeds_is_known_where_a_law_is_missing(law: Law, names: set
     assert np.mean(inside) >= 0.92
     assert np.mean(by_noise) < np.mean(inside)
     assert np.median(halves) < 0.1
+
+
+def test_friction_at_speeds_of_solvers_with_own_factors(tmp_path: Path) -> None:
+    """They have no columns of the velocity of joint 1; load friction of joint 2 is missing all the same."""
+    known = FrictionTerm(law="atan", joint=0, velocity=0.3)
+    truth = planar(known, FrictionTerm(law="load", joint=1))
+    noisy = log(truth, parameters(truth, Fa1=1.5, Fl2=0.3), noise=0.1)
+    searched = replace(noisy, robot=planar(replace(known, estimated=True)))
+    for solver in (None, "huber"):
+        fit = didim.identify(searched, didim.IDIMLS(solver=solver))
+        assert fit.uncertainty is not None
+        assert fit.uncertainty.friction is not None
+        assert fit.uncertainty.friction.laws == {"load": (1,)}
+        fit.save(tmp_path / "fit.json")
+        assert didim.Identification.load(tmp_path / "fit.json").friction_at(1, 0.5).law == "load"
+
+
+def test_an_alarm_always_has_a_law() -> None:
+    """Noise that lasts hides from plain rows what the whitened ones show: no block left out is explained, and there is a law."""
+    slide = didim.load_robot("emps").with_smoothing([0.002])
+    x = np.array([{"M1": 95.0, "Fv1": 200.0, "Fc1": 20.0}.get(name, 0.0) for name in slide.parameter_names])
+    reference = Reference.random_fourier(
+        harmonics=15, period_s=10.0, seed=1, max_position=(0.2,), max_velocity=(0.4,), max_acceleration=(3.0,)
+    )
+    q, dq, ddq = reference.at(np.arange(2000) / 200.0)
+    tau = didim.inverse_dynamics(slide, q, dq, ddq, x)
+    tau += 2.0 * np.exp(-((dq / 0.015) ** 2)) * np.tanh(dq / 0.002)
+    errors = lfilter(
+        [np.sqrt(1.0 - 0.97**2)], [1.0, -0.97], np.random.default_rng(1).standard_normal((4000, 1)), axis=0
+    )
+    recording = didim.Recording.from_arrays(q, tau + 2.5 * errors[2000:], rate_hz=200.0)
+    signal = didim.SignalProcessing(cutoff_hz=30.0, trim_start=20, trim_end=20, decimation=(4,))
+    fit = didim.identify(experiment(slide, recording, signal=signal), didim.IDIMLS())
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    assert fit.uncertainty.friction.raised
+    assert [law.joint for law in fit.uncertainty.friction.missing] == [0]
+    assert "explains the residual of joint 1" in str(fit)

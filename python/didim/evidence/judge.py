@@ -145,7 +145,7 @@ def _along(
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
-    findings = [*findings, *size_findings(residual, growth, chosen="friction" in fit.settings)]
+    findings = [*findings, *size_findings(residual, growth, chosen=_chosen(fit))]
     if measured is not by_law:
         findings += spike_findings(parts, signal)
         findings += check_standstill(measured.robot, parts, rows, fit)
@@ -174,7 +174,7 @@ def _along(
     by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
     if explicable and by_law_rows is not None and by_law is not None:
         findings = [finding for finding in findings if finding.code != "friction"]
-        findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
+        findings += friction_findings(by_law_rows, fit, chosen=_chosen(fit))
     uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth, measured.system)
     return fit, [*findings, *uncertain], uses
 
@@ -229,13 +229,18 @@ def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> 
     named = cause_findings(rows, cause)
     if cause is not None and cause.certain:
         return named
-    chosen = fit is not None and "friction" in fit.settings
+    chosen = fit is not None and _chosen(fit)
     return [
         *named,
         *_delay(rows, fit),
         *friction_findings(rows, fit, chosen=chosen),
         *unchecked(rows),
     ]
+
+
+def _chosen(fit: Identification) -> bool:
+    """Return whether friction laws were chosen for the log, not only velocities estimated: then none is missed."""
+    return "chosen" in fit.settings.get("friction", {})
 
 
 def _delay(rows: LogRows, fit: Identification | None) -> list[Finding]:

@@ -16,7 +16,6 @@ import numpy as np
 from .._tools.arrays import Array, quotient
 from ..model.dynamics import rigid_torque
 from ..regression.delay import DelayEstimate
-from ..regression.friction.alarm import FrictionAlarm
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from .products import Judged
@@ -76,7 +75,7 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
             float(shift.max(initial=0.0)),
             rows,
             included=fit.uncertainty.kind == "jackknife",
-            laws=_by_law(alarm),
+            laws={law: [joint + 1 for joint in joints] for law, joints in alarm.laws.items()},
         )
     trials = []
     for law, columns in laws(rows):
@@ -95,15 +94,6 @@ def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool
     joints = np.flatnonzero(ratio <= max(CLEARLY, float(ratio.min())))
     shift = shifts(rows, judged, std)
     return _missing(law, [int(j) + 1 for j in joints], float(shift.max()), rows, included=False)
-
-
-def _by_law(alarm: FrictionAlarm) -> dict[str, list[int]]:
-    """Return the joints that alarm, from 1, by the law that each has."""
-    found: dict[str, list[int]] = {}
-    for each in alarm.missing:
-        if each.joint in alarm.joints:
-            found.setdefault(each.law, []).append(each.joint + 1)
-    return found
 
 
 def _missing(

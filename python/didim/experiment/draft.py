@@ -220,7 +220,7 @@ def _tables(
             fit = fitted_friction(robot, chosen.recordings, chosen.filters.signal, say)
             friction, delay = friction_lines(robot, fit), delay_lines(fit)
             draft.read += friction_sentences(fit)
-    return [*chosen.lines, *_signal(chosen.filters, draft, path.name), *delay], friction
+    return [*chosen.lines, *_signal(chosen.filters, draft, path.name, plain=not friction), *delay], friction
 
 
 class _Written(NamedTuple):
@@ -426,7 +426,7 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     return recordings, closed == text and all(recording.tau is not None for recording in recordings)
 
 
-def _signal(filters: Filters | None, draft: Draft, name: str) -> list[str]:
+def _signal(filters: Filters | None, draft: Draft, name: str, *, plain: bool) -> list[str]:
     head = ["", "# Filters: positions without delay, then torques and model down to the band of the motion."]
     if filters is None:
         return [
@@ -437,7 +437,7 @@ def _signal(filters: Filters | None, draft: Draft, name: str) -> list[str]:
             "# decimation = [10]",
         ]
     draft.read.append(sentence_of(filters))
-    if filters.error is not None:
+    if filters.error is not None and plain:  # with laws `identify` misses less
         draft.read.append(error_sentence(filters.error, name))
     return [
         *head,

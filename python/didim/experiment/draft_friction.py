@@ -97,7 +97,7 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
 
 
 def _gains(gains: Sequence[TermGain]) -> str:
-    squares = series([f"{-100.0 * gain.gain:.2g}" for gain in gains], 40)
+    squares = series([f"-{_percent(gain.gain)}" for gain in gains], 40)
     shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 40)
     return f"left-out blocks: {squares} % squared error; rigid torque elsewhere moves by {shifts} %"
 
@@ -117,10 +117,17 @@ def _scales(robot: Robot, terms: Sequence[FrictionTerm]) -> list[str]:
 
 
 def _refusal(gain: TermGain) -> str:
+    if gain.parameter.startswith("Ks"):
+        return f"# {gain.parameter} is seen, and takes less than a tenth of the squared error: not taken for a spring."
     return (
         f"# {gain.parameter} is seen (gain {gain.significance:.2g} times its error), and not separated from links and rotors, "
         f"whose torque elsewhere would move by {100.0 * gain.shift:.2g} %: record more combinations of poses."
     )
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent, with two digits."""
+    return f"{100.0 * share:.0f}" if share >= 0.0995 else f"{100.0 * share:.2g}"
 
 
 def _errors(fit: FirstFit) -> tuple[str, str]:
@@ -133,11 +140,10 @@ def delay_lines(fit: FirstFit) -> list[str]:
     """Return the table ``[delay]``, or none where the log has no delay after its friction."""
     if fit.delay is None:
         return []
-    share = 100.0 * fit.delay.gain
     return [
         "",
         "[delay]",
-        f"compensate_samples = {fit.samples:.3g} # after friction; left-out blocks: -{share:.2g} % squared error",
+        f"compensate_samples = {fit.samples:.3g} # after friction; left-out blocks: -{_percent(fit.delay.gain)} % squared error",
     ]
 
 

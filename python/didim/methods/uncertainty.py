@@ -230,9 +230,12 @@ def with_model_errors(
     if spread.uncertainty is None:
         return spread
     unknowns, n, b = model.unknowns, len(names), model.n_base
+    # Solvers with factors of their own have no columns of velocities.
+    known = n + len(spread.velocities)
+    alarm = replace(alarm, moved=alarm.moved[:known], by_block=alarm.by_block[:, :known])
     noise = np.sqrt(np.diag(spread.covariance))
     of_all = unknowns.among_all(np.stack([alarm.shift, positions, noise]))
-    wide = len(spread.wide) == n + len(spread.velocities)
+    wide = len(spread.wide) == known
 
     def of_robot(rows: Array) -> Array:
         """Return rows of the estimated unknowns and the velocities for the b base parameters and the velocities."""

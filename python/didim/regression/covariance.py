@@ -36,7 +36,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .._tools.arrays import Array, quotient
+from .._tools.arrays import Array, quotient, unit_diagonal
 from ..terms.rows import Block, LinearSystem, Rows, by_window, unit_columns
 from .settings import BLOCKS, LeastSquaresSettings
 
@@ -202,15 +202,15 @@ class Factors:
         Without block i it moves by ``-(A^T A + P - A_i^T A_i)^-1 A_i^T rho_i``: with ``A^T A + P = S^-T S^-1`` the factors are
         ``A S`` and S. ``test_consistent.py`` solves the constrained problem again without each block.
         """
-        unit, size = unit_columns(a)
-        information = unit.T @ unit
-        k = len(precision)
-        information[:k, :k] += precision / np.outer(size[:k], size[:k])
-        values, vectors = np.linalg.eigh(information)
+        k, information = len(precision), a.T @ a
+        information[:k, :k] += precision
+        # By the size of both: a column that the log hardly has is known by the prior alone.
+        scaled, size = unit_diagonal(information)
+        values, vectors = np.linalg.eigh(scaled)
         known = values > np.finfo(float).eps * values[-1]
-        root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
-        left = unit @ root
-        return cls(left, left, root / size[:, None], residual)
+        root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0) / size[:, None]
+        left = a @ root
+        return cls(left, left, root, residual)
 
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
         """Compute the estimates without each block, from the factors of the whole system.

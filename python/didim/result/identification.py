@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -240,8 +241,11 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         ``test_friction_exchange.py`` compares it with friction that is known, where a law is missing too.
         """
         known = recorded_robot(self.robot, self.settings)
-        v = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
-        if not 0 <= joint < known.n_dof:
+        try:
+            v = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise FitError(f"speeds must be numbers, got {speeds!r:.40}") from None
+        if isinstance(joint, bool) or not isinstance(joint, Integral) or not 0 <= joint < known.n_dof:
             raise FitError(
                 f"joint {joint} does not exist: the joints of {self.robot!r} are 0 to {known.n_dof - 1}"
             )
@@ -250,6 +254,12 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         uncertainty = self.uncertainty
         if uncertainty is None or not self.std.any():
             raise FitError("the result has no standard deviations, so friction at speeds has no interval")
+        alarm = uncertainty.friction
+        older = not len(uncertainty.load) and known.friction.has_load
+        if older or (alarm is not None and alarm.raised and not alarm.missing):
+            raise FitError(
+                "the result of an older version lacks what friction at speeds needs: identify the log again"
+            )
         return Sliding(
             robot=known,
             x=self.parameters,
@@ -312,7 +322,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """Return parameters of friction that no interval tells where a law is missing: friction at speeds stands for them."""
         missing = () if self.uncertainty is None else self.uncertainty.at_speeds
         poor = self.relative_std_percent > WELL_IDENTIFIED_PERCENT
-        own = {name for each in missing if each.law for name in friction_names(each.joint)}
+        own = {name for each in missing if each.seen for name in friction_names(each.joint)}
         return frozenset(name for name, bad in zip(self.names, poor, strict=True) if bad and name in own)
 
     def value_rows(self) -> list[dict[str, Any]]:

@@ -202,8 +202,9 @@ def _friction(f: Finding) -> str:
     # Results of version 0.3.0 name one law for all joints.
     laws = facts.get("laws", {})
     if len(laws) < 2:
+        law = next(iter(laws), facts["law"])
         return (
-            f"the friction of {_joints(f)} {LAWS[facts['law']]}, not modelled: parameters move by up to "
+            f"the friction of {_joints(f)} {LAWS[law]}, not modelled: parameters move by up to "
             f"{two_digits(f.effect)} sigma of noise; {included}"
         )
     named = (f"{MISSING[law]} at {joints_text(j - 1 for j in joints)}" for law, joints in laws.items())

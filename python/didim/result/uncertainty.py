@@ -117,7 +117,11 @@ class Uncertainty(Pickled):
     crossed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        make_read_only(self, ("std_white", "joint_std", "deletions", "positions", "noise"), ("single_block",))
+        make_read_only(
+            self,
+            ("std_white", "joint_std", "deletions", "positions", "noise", "load", "crossed"),
+            ("single_block",),
+        )
 
     def factor(self, level: float) -> float:
         """Half the width of an interval in standard deviations: Student's quantile.
@@ -188,9 +192,12 @@ class Uncertainty(Pickled):
             return []
         if alarm.raised:
             effect = "the intervals hold" if self.kind == "jackknife" else "sigma does not include"
+            laws = alarm.laws or {alarm.law: alarm.joints}  # version 0.3.0 names one law for all
+            first, *others = ((LAWS[law], joints_text(joints)) for law, joints in laws.items())
+            explained = [f"{first[0]} explains the residual of {first[1]}"]
+            explained += [f"{law} that of {joints}" for law, joints in others]
             return [
-                f"{LAWS[alarm.law]} explains the residual of {joints_text(alarm.joints)} (p = {alarm.p_value.min():.2g}); "
-                f"{effect} how far the parameters move with it"
+                f"{', '.join(explained)} (p = {alarm.p_value.min():.2g}); {effect} how far the parameters move with it"
             ]
         if self.kind == "jackknife" and alarm.shift.any():
             return [

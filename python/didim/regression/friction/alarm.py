@@ -15,8 +15,9 @@ rows as they are. Errors of right models (`sampling`) have columns beside those 
 of the motion, so noise of the positions is in them as it is in the residual. Low passes of them have hardly any of it, so an alarm
 is tried again with these, and one law must alarm both times.
 
-Where a joint alarms, every joint may lack a law: that whose column explains most of blocks left out, with the amplitude of the
-other blocks, if it explains any. The laws of all joints have their amplitudes together, and the estimate would move with them by
+Where a joint alarms, it lacks a law, and the others of its limb may: that whose column explains most of blocks left out, with the
+amplitude of the other blocks, if it explains any. The laws of all joints have their amplitudes together, and the estimate would
+move with them by
 
     K a = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
@@ -202,6 +203,15 @@ class FrictionAlarm:
         return tuple(int(joint) for joint in np.flatnonzero(self.p_value < LEVEL))
 
     @property
+    def laws(self) -> dict[str, tuple[int, ...]]:
+        """Joints, from 0, that alarm, by the law that each lacks."""
+        found: dict[str, tuple[int, ...]] = {}
+        for each in self.missing:
+            if each.joint in self.joints:
+                found[each.law] = (*found.get(each.law, ()), each.joint)
+        return found
+
+    @property
     def raised(self) -> bool:
         """Whether the test alarms."""
         return bool(self.joints)
@@ -344,7 +354,7 @@ def friction_alarm(system: LinearSystem, fit: Fit, along: Along) -> FrictionAlar
     missing: tuple[MissingLaw, ...] = ()
     moved, by_block, law = np.zeros(0), np.zeros((0, 0)), ""
     if (p_value < LEVEL).any():
-        missing, changes, law = _missing_laws(candidates, limbs, system, along)
+        missing, changes, law = _missing_laws(candidates, limbs, system, along, p_value < LEVEL)
         if missing:
             moved, *errors = _with_velocities_of(system, fit.solution, changes)
             by_block = np.array(errors)
@@ -612,6 +622,7 @@ def _missing_laws(
     limbs: Sequence[_Limb],
     system: LinearSystem,
     along: Along,
+    alarmed: NDArray[np.bool_],
 ) -> tuple[tuple[MissingLaw, ...], Array, str]:
     """Return the law of each joint that has one, the change of the unknowns with all, and the family that gains most.
 
@@ -623,12 +634,14 @@ def _missing_laws(
     missing: list[MissingLaw] = []
     gains: dict[str, float] = {}
     for limb in limbs:
+        if not alarmed[list(limb.joints)].any():
+            continue
         stretches = limb.own(time)
         tried = [_Tried.of(limb, *pair, stretches) for pair in zip(candidates, starts, strict=True)]
         chosen: list[tuple[int, _Tried, list[int]]] = []
-        for index in range(len(limb.joints)):
+        for index, joint in enumerate(limb.joints):
             best = max(tried, key=lambda each: float(each.gain[:, index].sum()))
-            if best.gain[:, index].sum() > 0.0:
+            if alarmed[joint] or best.gain[:, index].sum() > 0.0:
                 chosen.append((index, best, best.of_joint(index)))
         if not chosen:
             continue
@@ -646,7 +659,8 @@ def _missing_laws(
         first = 0
         for index, each, own in chosen:
             family = each.law.family
-            gains[family] = gains.get(family, 0.0) + float(each.gain[:, index].sum())
+            if alarmed[limb.joints[index]]:
+                gains[family] = gains.get(family, 0.0) + float(each.gain[:, index].sum())
             missing.append(each.law.at(limb.joints[index], amounts[:, first]))
             first += len(own)
     return tuple(missing), changes, max(gains, key=lambda key: gains[key], default="")

@@ -174,7 +174,8 @@ def first_fit(  # many parameters: those of choose_terms
         return FirstFit(choice=choice, rest=rest)
     say("choosing friction laws again, with the delay compensated")
     choice = choose_terms(model, windows(samples), signal, solve, resolved)
-    samples, _ = _delayed(model, choice, windows, signal, solve, samples)
+    later, still = _delayed(model, choice, windows, signal, solve, samples)
+    samples = samples if still is None else later
     return FirstFit(choice=choice, rest=rest, samples=samples, delay=worth)
 
 
