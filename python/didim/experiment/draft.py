@@ -11,7 +11,6 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -215,11 +214,15 @@ def _tables(
     if all(writer.positions_only for writer in chosen.writers):
         return [*chosen.lines, *servo_lines(robot, logs, options.servo, draft.read)], []
     friction, delay = [], []
-    if chosen.filters is not None and chosen.filters.error is not None and not options.plain:
-        with suppress(DidimError):  # a log that says too little has its plain friction; `identify` says why
+    # The error of a plain fit is not known with load friction, which needs an estimate first.
+    fitted = chosen.filters is not None and (chosen.filters.error is not None or robot.friction.has_load)
+    if fitted and chosen.filters is not None and not options.plain:
+        try:
             fit = fitted_friction(robot, chosen.recordings, chosen.filters.signal, say)
             friction, delay = friction_lines(robot, fit), delay_lines(fit)
             draft.read += friction_sentences(fit)
+        except DidimError as reason:  # a log that says too little has its plain friction
+            draft.read.append(f"no friction law was tried: {reason}")
     return [*chosen.lines, *_signal(chosen.filters, draft, path.name, plain=not friction), *delay], friction
 
 

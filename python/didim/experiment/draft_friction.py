@@ -14,7 +14,7 @@ from .._tools.arrays import Array
 from .._tools.toml import quoted
 from .._tools.words import percent_text, series
 from ..log.recording import Recording
-from ..regression.friction.choice import FirstFit, TermGain, first_fit
+from ..regression.friction.choice import REFUSED, FirstFit, TermGain, first_fit
 from ..regression.least_squares import solve
 from ..regression.settings import LeastSquaresSettings
 from ..robot.friction import KEYS, FrictionTerm
@@ -148,11 +148,15 @@ def delay_lines(fit: FirstFit) -> list[str]:
 
 
 def friction_sentences(fit: FirstFit) -> list[str]:
-    """Return the sentence of `didim init` on the laws, if there are any."""
+    """Return the sentence of `didim init` on the laws."""
     before, after = _errors(fit)
     names = series([gain.parameter for gain in fit.choice.gains], 70)
+    if fit.choice.refused:
+        return [
+            f"no friction law was tried: blocks left out of the fit miss {before}, {REFUSED[fit.choice.refused]}"
+        ]
     if not names:
-        return []
+        return [f"no further friction law: blocks left out of the fit miss {before}"]
     return [
         f"friction {names}: blocks left out of the fit miss {after} in place of {before} (--plain adds none)"
     ]

@@ -17,18 +17,12 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.loop import recordings_of
 from ..regression.friction.candidates import LEAST_WARMING
-from ..regression.friction.choice import FrictionChoice, choose_terms
+from ..regression.friction.choice import REFUSED, FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..signal.noise import encoder_step
 from ..signal.window import Window
 from .job import Delay
 from .method import Method, MethodSettings
-
-REFUSED = {
-    "misfit": "which is more than friction",
-    "extrapolation": "far more than the fit: the rest of the log does not determine them",
-}
-"""Why no terms were tried."""
 
 
 @dataclass(frozen=True)

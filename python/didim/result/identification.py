@@ -302,7 +302,11 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the robot's joints; empty where its file has none."""
-        return tuple(self.settings.get("robot", {}).get("joint_names", ()))
+        return tuple(self._robot_record.get("joint_names", ()))
+
+    @property
+    def _robot_record(self) -> Mapping[str, Any]:
+        return cast(Mapping[str, Any], self.settings.get("robot", {}))
 
     @property
     def n_iterations(self) -> int:
@@ -352,7 +356,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             return "\n".join([*position_lines(record, self.name, self.robot), *self.lines_after_tables()])
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
-        lines += parameter_lines(self.parameter_rows(), limb_headings(self.settings.get("robot", {})))
+        lines += parameter_lines(self.parameter_rows(), limb_headings(self._robot_record))
         lines += [] if self.further is None else self.further.lines(self.interval_factor())
         lines += ["", *table_lines(self.error_rows())]
         return "\n".join([*lines, *self.lines_after_tables()])

@@ -43,6 +43,11 @@ NEAR_REST = (0.005, 0.01, 0.02, 0.05)
 """Speeds (rad/s) of a smooth sign, or of a dead zone, that are tried where the robot's sign has neither."""
 AS_GOOD = 1.01
 """Ratio of errors of blocks left out up to which friction near rest is preferred to laws: it has no parameters."""
+REFUSED = {
+    "misfit": "which is more than friction",
+    "extrapolation": "far more than the fit: the rest of the log does not determine them",
+}
+"""Why no terms were tried."""
 ROUNDS = 8
 """Upper bound of the rounds, each of which adds up to two laws to every joint."""
 
