@@ -40,8 +40,8 @@ class Published(NamedTuple):
 
 UNISA = "github.com/unisa-acg/inverse-dynamics-solver"
 LOGS = {
-    "panda": Published(UNISA, "BSD-3-Clause", "unisa/panda_exciting.db3"),
-    "ur10": Published(UNISA, "BSD-3-Clause", "unisa/ur10_exciting.db3"),
+    "panda": Published(UNISA, "BSD-3-Clause", "unisa/panda_exciting.db3", init="--plain "),
+    "ur10": Published(UNISA, "BSD-3-Clause", "unisa/ur10_exciting.db3", init="--plain "),
     "go2": Published(
         "github.com/iit-DLSLab/sim2real-robot-identification",
         "BSD-3-Clause",

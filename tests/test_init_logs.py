@@ -329,7 +329,8 @@ def test_the_raw_log_of_a_ur10e(shared: Path, tmp_path: Path, capsys: pytest.Cap
         ["identify", str(tmp_path / "free.toml"), "--quiet", "--json", str(tmp_path / "fit.json")]
     ) in (0, 1)
     fit = didim.Identification.load(tmp_path / "fit.json")
-    assert 0.03 < fit.overall_relative_error < 0.046
+    # With the friction that `init` has written; 3.6 % without.
+    assert 0.012 < fit.overall_relative_error < 0.02
 
 
 def test_a_file_is_not_overwritten_for_several_logs(tmp_path: Path) -> None:
