@@ -313,6 +313,27 @@ PYTHON = (
         "tests/test_turning_points_of_positions.py",
     ),
     Mutation(
+        "the jackknife of robots forgets their conditions",
+        "python/didim/regression/covariance.py",
+        "information[:k, :k] += precision",
+        "information[:k, :k] += 1e-9 * precision",
+        "tests/test_consistent.py",
+    ),
+    Mutation(
+        "a joint that alarms may have no law",
+        "python/didim/regression/friction/alarm.py",
+        "if alarmed[joint] or best.gain",
+        "if best.gain",
+        "tests/test_friction_exchange.py",
+    ),
+    Mutation(
+        "velocities of laws that a file gives hide missing friction",
+        "python/didim/evidence/judge.py",
+        'return "chosen" in fit.settings.get("friction", {})',
+        'return bool(fit.settings.get("friction", {}))',
+        "tests/test_evidence_result.py",
+    ),
+    Mutation(
         "friction at speeds moves without the law that is missing",
         "python/didim/regression/friction/alarm.py",
         "bias, errors = bias + law.amount * unit, errors + np.outer(law.by_block, unit)",
