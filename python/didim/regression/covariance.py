@@ -166,6 +166,17 @@ def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> lis
     return parts
 
 
+def inverse_root(information: Array) -> Array:
+    """Return S with ``S S^T`` the inverse of an information, (b, b): zero in directions of which nothing but rounding is known."""
+    # By the size of each column: one that a log hardly has is known by a prior alone.
+    scaled, size = unit_diagonal(information)
+    values, vectors = np.linalg.eigh(scaled)
+    known = values > np.finfo(float).eps * values[-1]
+    return np.asarray(
+        vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0) / size[:, None]
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Factors:
     """Factors of a weighted system for its deletions.
@@ -204,11 +215,7 @@ class Factors:
         """
         k, information = len(precision), a.T @ a
         information[:k, :k] += precision
-        # By the size of both: a column that the log hardly has is known by the prior alone.
-        scaled, size = unit_diagonal(information)
-        values, vectors = np.linalg.eigh(scaled)
-        known = values > np.finfo(float).eps * values[-1]
-        root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0) / size[:, None]
+        root = inverse_root(information)
         left = a @ root
         return cls(left, left, root, residual)
 

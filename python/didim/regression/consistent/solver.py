@@ -17,7 +17,7 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...terms.model import Model
 from ...terms.rows import LinearSystem, unit_columns
-from ..covariance import autocorrelated, covariance
+from ..covariance import autocorrelated, covariance, inverse_root
 from ..fit import Fit, Progress
 from ..least_squares import joint_sigma, per_row
 from ..settings import LeastSquaresSettings
@@ -135,7 +135,8 @@ class ConsistentSolver:
                 break
             sigma = joint_sigma(system, residual)
         weights = scale if weighted else np.ones(len(scale))
-        inverse, precision = _inverse(triangle, problem, constrained.x)
+        precision = problem.precision(constrained.x)
+        inverse = inverse_root(triangle.T @ triangle + precision)
         if not weighted:
             inverse, precision = inverse * scale[0], precision / scale[0] ** 2
         nearest = _plain(triangle, right)
@@ -192,20 +193,6 @@ def triangle_of(w: Array, y: Array) -> tuple[Array, Array]:
     triangle = np.asarray(np.linalg.qr(np.column_stack([w, y]), mode="r"), dtype=np.float64)
     n = w.shape[1]
     return np.ascontiguousarray(triangle[:n, :n]), np.ascontiguousarray(triangle[:n, n])
-
-
-def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> tuple[Array, Array]:
-    """Return a root of the covariance of log, prior and constraints together, and the precision that the two add to the log's.
-
-    Both are of the base parameters, (n, n), for rows of unit noise: the covariance of the standard parameters, by the curvature of
-    the problem at its solution, is seen in the base parameters. `triangle` is the R of the weighted rows.
-    """
-    a = triangle @ problem.matrix
-    spread = problem.matrix @ np.linalg.pinv(a.T @ a + problem.marginal(x), hermitian=True) @ problem.matrix.T
-    values, vectors = np.linalg.eigh(spread)
-    values = np.maximum(values, 0.0)
-    added, turned = np.linalg.eigh(np.linalg.pinv(spread, hermitian=True) - triangle.T @ triangle)
-    return np.asarray(vectors * np.sqrt(values)), np.asarray((turned * np.maximum(added, 0.0)) @ turned.T)
 
 
 def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, Any]:

@@ -279,7 +279,7 @@ class Screen:
         b, x = solved[-1]
         size, prior = self.size[columns], np.zeros((len(columns), len(columns)))
         if problem is not None and x is not None:
-            prior = _curvature(problem, x) / np.outer(size, size)
+            prior = problem.precision(x) / np.outer(size, size)
         else:
             x = model.lift(model.unknowns.expand(b / size))
         squares = np.array([self._squares(k, columns, each) for k, each in enumerate(solutions)])
@@ -430,13 +430,3 @@ class Screen:
                     square = square + held[new, new] - 2.0 * np.sum(along * held[np.ix_(mine, new)], axis=0)
                 squares[:, k, other] -= 2.0 * amount * linear - np.square(amount) * square
         return np.maximum(squares, 0.0)
-
-
-def _curvature(problem: ConstrainedProblem, x: Array) -> Array:
-    """Return the curvature that the prior adds to the estimated parameters at its optimum, all others free, (m, m)."""
-    p, b = len(x), len(problem.model.unknowns.roles)
-    columns = problem.unknowns
-    whole = columns.T @ problem.marginal(x) @ columns
-    free, base = slice(0, p - b), [p - b + k for k in problem.model.unknowns.estimated]
-    solved = np.linalg.pinv(whole[free, free], hermitian=True) @ whole[free, base]
-    return np.asarray(whole[np.ix_(base, base)] - whole[free, base].T @ solved)
