@@ -33,6 +33,8 @@ def check_standstill(
 
     With rows and a result it is doubtful where parameters move without the rows at rest, by `FRICTION_SHIFT` of their deviations.
     """
+    if robot.friction.coulomb != "sign":
+        return []
     at_rest = _at_rest(robot, parts)
     shares = np.mean(np.concatenate(at_rest), axis=0)
     joints = [int(joint) for joint in np.flatnonzero(shares > LARGEST_SHARE)]
@@ -58,11 +60,11 @@ def check_standstill(
 
 
 def _at_rest(robot: Robot, parts: Sequence[Window]) -> list[Array]:
-    """Return 1 where a joint stands still for long and its friction is a plain sign, (n_samples, n_dof) of each part."""
+    """Return 1 where a joint stands still for long, without dead zone or kept sign, (n_samples, n_dof) of each part."""
     found = [np.zeros_like(part.dq) for part in parts]
     held = [term.joint for term in robot.friction.terms if term.law == "hold"]
     for joint in range(robot.n_dof):
-        if robot.friction.coulomb != "sign" or robot.friction.dead_zone[joint] > 0.0 or joint in held:
+        if robot.friction.dead_zone[joint] > 0.0 or joint in held:
             continue
         top = max(float(np.abs(part.dq[:, joint]).max()) for part in parts)
         for part, own in zip(parts, found, strict=True):

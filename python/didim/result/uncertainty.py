@@ -191,7 +191,7 @@ class Uncertainty(Pickled):
         if alarm is None or not alarm.tested:
             return []
         if alarm.raised:
-            effect = "the intervals hold" if self.kind == "jackknife" else "sigma does not include"
+            effect = "the intervals include" if self.kind == "jackknife" else "sigma does not include"
             laws = alarm.laws or {alarm.law: alarm.joints}  # version 0.3.0 names one law for all
             first, *others = ((LAWS[law], joints_text(joints)) for law, joints in laws.items())
             explained = [f"{first[0]} explains the residual of {first[1]}"]
@@ -202,7 +202,7 @@ class Uncertainty(Pickled):
         if self.kind == "jackknife" and alarm.shift.any():
             return [
                 "held-out blocks do not decide whether some of the chosen friction laws are needed or another law fits better; "
-                "the intervals hold how far the parameters move without them"
+                "the intervals include how far the parameters move without them"
             ]
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 

@@ -121,7 +121,7 @@ def bounded(std: Array, bias: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class MissingLaw:
-    """Friction law of a joint that its residual has and the model lacks.
+    """Friction law that the model lacks at a joint, or may lack where another joint of its limb alarms.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class FrictionAlarm:
         By family, the amplitude of its friction at each joint that the test would see (N.m or N), whichever of its
         velocities or widths it has: a score of `VISIBLE` deviations. Infinite where a joint was not tested.
     missing : tuple of MissingLaw
-        On an alarm, the laws that the joints have.
+        On an alarm, the laws of the joints that alarm, and those that others of their limbs may lack.
     moved : ndarray, shape (b + v,)
         Change of the parameters, and of the estimated velocities of laws, with these; empty without any.
     by_block : ndarray, shape (m, b + v)
@@ -355,9 +355,8 @@ def friction_alarm(system: LinearSystem, fit: Fit, along: Along) -> FrictionAlar
     moved, by_block, law = np.zeros(0), np.zeros((0, 0)), ""
     if (p_value < LEVEL).any():
         missing, changes, law = _missing_laws(candidates, limbs, system, along, p_value < LEVEL)
-        if missing:
-            moved, *errors = _with_velocities_of(system, fit.solution, changes)
-            by_block = np.array(errors)
+        moved, *errors = _with_velocities_of(system, fit.solution, changes)
+        by_block = np.array(errors)
     open_ = _open_shift(system, fit)
     return FrictionAlarm(
         p_value=p_value,
@@ -573,15 +572,12 @@ class _Tried:
         Change of the limb's unknowns with a unit of each.
     gain : (m, n_joints) array
         By how much the squared residual of the rows of a block and a joint falls with the amounts of all other blocks.
-    amount : (k,) array
-        Amounts of all blocks.
     """
 
     law: LawColumns
     free: Array
     change: Array
     gain: Array
-    amount: Array
 
     @classmethod
     def of(cls, limb: _Limb, law: LawColumns, start: Array | None, stretches: Sequence[Rows]) -> _Tried:
@@ -590,27 +586,20 @@ class _Tried:
         if start is not None:
             used = np.hstack([used, limb.weighted(start)])
         free = _freed(limb.q, used)
-        size = np.linalg.norm(free, axis=0)
-        unit = np.where(size > 0.0, free / np.where(size > 0.0, size, 1.0), 0.0)
+        unit, _ = unit_columns(free)
         products = np.array([unit[rows].T @ unit[rows] for rows in stretches])
         moments = np.array([unit[rows].T @ limb.rho[rows] for rows in stretches])
-
-        def solved(products: Array, moments: Array) -> Array:
-            inverse = np.linalg.pinv(products, rcond=ROUNDING, hermitian=True)
-            return np.asarray(np.einsum("...ab,...b->...a", inverse, moments))
-
-        every, right = products.sum(axis=0), moments.sum(axis=0)
-        others = solved(every - products, right - moments)
+        inverse = np.linalg.pinv(products.sum(axis=0) - products, rcond=ROUNDING, hermitian=True)
+        others = np.einsum("mab,mb->ma", inverse, moments.sum(axis=0) - moments)
         count = len(limb.rows) // len(limb.joints)
         gain = np.zeros((len(stretches), len(limb.joints)))
         for block, rows in enumerate(stretches):
             predicted = unit[rows] @ others[block]
             fallen = predicted * (2.0 * limb.rho[rows] - predicted)
             gain[block] = np.bincount(rows // count, fallen, len(limb.joints))
-        scale = quotient(np.ones_like(size), size)
-        seen = limb.q.T @ used * (size > 0.0)
-        change = -np.linalg.solve(limb.r, seen) / limb.size[:, None]
-        return cls(law, free, change, gain, solved(every, right) * scale)
+        # A column of which nothing is left has an amount of zero.
+        change = -np.linalg.solve(limb.r, limb.q.T @ used) / limb.size[:, None]
+        return cls(law, free, change, gain)
 
     def of_joint(self, index: int) -> list[int]:
         """Return the numbers of a joint's columns: of the law, and of its start."""
@@ -624,7 +613,7 @@ def _missing_laws(
     along: Along,
     alarmed: NDArray[np.bool_],
 ) -> tuple[tuple[MissingLaw, ...], Array, str]:
-    """Return the law of each joint that has one, the change of the unknowns with all, and the family that gains most.
+    """Return the law of each joint that may lack one, the change of the unknowns with all, and the family that gains most.
 
     The first row of the changes, (1 + m, b + v), is that of the amounts, the others the share of each block in its error.
     """
@@ -643,8 +632,6 @@ def _missing_laws(
             best = max(tried, key=lambda each: float(each.gain[:, index].sum()))
             if alarmed[joint] or best.gain[:, index].sum() > 0.0:
                 chosen.append((index, best, best.of_joint(index)))
-        if not chosen:
-            continue
         free = np.hstack([each.free[:, own] for _, each, own in chosen])
         change = np.hstack([each.change[:, own] for _, each, own in chosen])
         unit, size = unit_columns(free)
@@ -950,7 +937,7 @@ class FrictionAtSpeeds:
     law: str = ""
     seen: bool = False
     parameters: tuple[str, ...] = ()
-    correlation: float = field(default=0.0)
+    correlation: float = 0.0
     refused: bool = False
 
 
