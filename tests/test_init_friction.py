@@ -38,7 +38,7 @@ def test_the_file_has_the_laws_of_the_log_and_their_reasons(
     text = (tmp_path / "log.toml").read_text(encoding="utf-8")
     (line,) = (each for each in text.splitlines() if each.startswith("stribeck"))
     assert line.startswith("stribeck = [1, 2] # left-out blocks: -")
-    assert "% squared error; torque of links in other poses moves by " in line
+    assert "% squared error; links' torque in other poses: +-" in line
     assert re.search(r"\n# stribeck: 0\.1\d+ rad/s, 0\.1\d+ rad/s by this log, estimated in each fit\n", text)
     assert "[delay]" not in text
     # It loads, and `identify` chooses the same laws.
@@ -103,7 +103,7 @@ def test_springs_and_refused_laws_have_their_lines() -> None:
     assert friction_lines(robot, FirstFit(choice=choice)) == [
         "# Relative error of blocks left out of the fit: 20.00 %, with these laws 10.00 %.",
         "[springs]",
-        "linear = [2] # left-out blocks: -50 % squared error; torque of links in other poses moves by 40 %",
-        "# Fa1 is seen (gain 12 times its error), and not separated from links and rotors, whose torque in other poses would move "
+        "linear = [2] # left-out blocks: -50 % squared error; links' torque in other poses: +-40 %",
+        "# Fa1 is seen (gain 12 times its error), and not separated from the links, whose torque in other poses would move "
         "by 34 %: record more combinations of poses.",
     ]

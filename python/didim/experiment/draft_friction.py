@@ -99,7 +99,7 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
 def _gains(gains: Sequence[TermGain]) -> str:
     squares = series([f"-{_percent(gain.gain)}" for gain in gains], 40)
     shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 40)
-    return f"left-out blocks: {squares} % squared error; torque of links in other poses moves by {shifts} %"
+    return f"left-out blocks: {squares} % squared error; links' torque in other poses: +-{shifts} %"
 
 
 def _scales(robot: Robot, terms: Sequence[FrictionTerm]) -> list[str]:
@@ -120,7 +120,7 @@ def _refusal(gain: TermGain) -> str:
     if gain.parameter.startswith("Ks"):
         return f"# {gain.parameter} is seen, and takes less than a tenth of the squared error: not taken for a spring."
     return (
-        f"# {gain.parameter} is seen (gain {gain.significance:.2g} times its error), and not separated from links and rotors, "
+        f"# {gain.parameter} is seen (gain {gain.significance:.2g} times its error), and not separated from the links, "
         f"whose torque in other poses would move by {100.0 * gain.shift:.2g} %: record more combinations of poses."
     )
 

@@ -74,7 +74,7 @@ class FoundFriction:
             )
             if untold := [f"{gain.parameter} ({100.0 * gain.shift:.0f} %)" for gain in self.choice.untold]:
                 sentences.append(
-                    f"the log does not separate {series(untold, 60)} from links and rotors, whose torque in other poses would change: "
+                    f"the log does not separate {series(untold, 60)} from the links, whose torque in other poses would change: "
                     "record more poses and speeds"
                 )
             if narrowest := self.choice.without_memory:
