@@ -152,11 +152,12 @@ def ur10e(data: Path, name: str) -> didim.Experiment:
     )
 
 
-def initialised(robot: str, files: list[Path], options: list[str]) -> didim.Experiment:
-    """Return the experiment that `didim init` makes of a log."""
+def initialised(robot: str, files: list[Path], options: list[str], plain: bool = True) -> didim.Experiment:
+    """Return the experiment that `didim init` makes of a log, without friction laws where it is `plain`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.toml"
-        didim_command(["init", robot, *map(str, files), *options, "--plain", "-o", str(path)])
+        options = [*options, *(["--plain"] if plain else []), "-o", str(path)]
+        didim_command(["init", robot, *map(str, files), *options])
         return didim.load_experiment(path)
 
 

@@ -149,6 +149,7 @@ def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x
         "variance": "r-1",
         "uncertainty": "white",
         "blocks": 20,
+        "physical": None,
     }
     assert len(fit.history) == 4
     raw = identify(exp, IDIMLS(signal=SignalProcessing(cutoff_hz=40.0)))
@@ -334,3 +335,22 @@ def test_windows_that_the_edges_use_up(robot: Robot, x: Array) -> None:
     signal = replace(simulated.SIGNAL, edge_rows=300)
     with pytest.raises(FitError, match="recording 'log': decimation leaves nothing of 2950 samples"):
         identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))
+
+
+def test_the_file_and_the_choice_of_laws_ask_for_a_robot(robot: Robot, x: Array) -> None:
+    """Laws that are chosen among parameters of a robot are solved among these, unless a file or a method says otherwise."""
+    log = simulated.experiment(robot, simulated.log(robot, x))
+
+    def solver(experiment: Any, method: Any) -> str:
+        return str(identify(experiment, method).settings["solver"]["name"])
+
+    def asked(value: bool) -> Any:
+        return replace(log, least_squares=replace(log.least_squares, physical=value))
+
+    assert solver(log, IDIMLS()) == "least-squares"
+    assert solver(asked(True), IDIMLS()) == "consistent"
+    assert solver(asked(True), IDIMLS(physical=False)) == "least-squares"
+    assert solver(log, IDIMLS(friction="auto")) == "consistent"
+    auto = replace(robot, friction=replace(robot.friction, auto=True))
+    assert solver(replace(log, robot=auto), IDIMLS()) == "consistent"
+    assert solver(asked(False), IDIMLS(friction="auto")) == "least-squares"

@@ -43,6 +43,7 @@ def test_the_file_has_the_laws_of_the_log_and_their_reasons(
     assert "[delay]" not in text
     # It loads, and `identify` chooses the same laws.
     experiment = didim.load_experiment(tmp_path / "log.toml")
+    assert experiment.least_squares.physical is True
     own = {term.parameter for term in experiment.robot.friction.terms}
     (tmp_path / "auto.toml").write_text(
         "\n".join('terms = "auto"' if each == line else each for each in text.splitlines())

@@ -33,7 +33,7 @@ from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
 from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
-from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences
+from .draft_friction import PHYSICAL, delay_lines, fitted_friction, friction_lines, friction_sentences
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
@@ -219,7 +219,7 @@ def _tables(
     if fitted and chosen.filters is not None and not options.plain:
         try:
             fit = fitted_friction(robot, chosen.recordings, chosen.filters.signal, say)
-            friction, delay = friction_lines(robot, fit), delay_lines(fit)
+            friction, delay = friction_lines(robot, fit), [*delay_lines(fit), *PHYSICAL]
             draft.read += friction_sentences(fit)
         except DidimError as reason:  # a log that says too little has its plain friction
             draft.read.append(f"no friction law was tried: {reason}")

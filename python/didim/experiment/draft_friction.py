@@ -25,6 +25,14 @@ from ..signal.window import Window, windows_of
 from ..terms.model import Model
 from ..terms.rows import LinearSystem
 
+PHYSICAL = (
+    "",
+    "# The laws were chosen among parameters of a robot; without this condition they predict other motions worse.",
+    "[least_squares]",
+    "physical = true",
+)
+"""Lines with which `identify` solves as the laws were chosen."""
+
 
 def fitted_friction(
     robot: Robot, recordings: Sequence[Recording], signal: SignalProcessing, say: Callable[[str], None]
@@ -73,10 +81,16 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
     tables: dict[str, list[str]] = {"friction": [], "springs": []}
     if fit.rest is not None:
         what = fit.rest.parameter
-        speeds = dict(zip(robot.joint_kinds, getattr(friction, what), strict=True))
-        units = {"revolute": "rad_s", "prismatic": "m_s"}
         tables["friction"] += [f"# {_gains([fit.rest])}", f'coulomb = "{friction.coulomb}"']
-        tables["friction"] += [f"{what}_{units[kind]} = {speed:g}" for kind, speed in speeds.items()]
+        for kind, unit in (("revolute", "rad_s"), ("prismatic", "m_s")):
+            pairs = zip(getattr(friction, what), robot.joint_kinds, strict=True)
+            speeds = [speed * (own == kind) for speed, own in pairs]
+            if any(speeds):
+                alike = (
+                    len({speed for speed, own in zip(speeds, robot.joint_kinds, strict=True) if own == kind})
+                    == 1
+                )
+                tables["friction"].append(f"{what}_{unit} = {max(speeds) if alike else speeds}")
     for law, key in (*KEYS.items(), ("spring", "linear")):
         terms = sorted((term for term in chosen if term.law == law), key=lambda term: term.joint)
         if terms:
