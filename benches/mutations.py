@@ -322,8 +322,8 @@ PYTHON = (
     Mutation(
         "a joint that alarms may have no law",
         "python/didim/regression/friction/alarm.py",
-        "if alarmed[joint] or best.gain",
-        "if best.gain",
+        "(alarmed[joint] or best.gain",
+        "(best.gain",
         "tests/test_friction_exchange.py",
     ),
     Mutation(
