@@ -176,7 +176,9 @@ LOADED = [didim.FrictionTerm(law="load", joint=joint) for joint in (0, 1)]
 """Laws that a file may have beside the one that its log lacks."""
 
 
-def test_a_further_law_is_tried_on_blocks_left_out_before_it_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_further_law_is_tried_on_blocks_left_out_before_it_is_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     right, more = load(0.08), stribeck(0.3)
     log = logged(robot().with_terms(LOADED), lambda *motion: right(*motion) + more(*motion), 500)
     fit = didim.identify(log, didim.IDIMLS())
@@ -185,7 +187,9 @@ def test_a_further_law_is_tried_on_blocks_left_out_before_it_is_missed(monkeypat
     assert found.advice == "Add joints 1 and 2 to stribeck under [friction]: blocks left out support it"
     assert found.remedy is not None
     assert (found.remedy.key, found.remedy.action, found.remedy.joints) == ("stribeck", "add", (1, 2))
-    terms = [didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.1, estimated=True) for joint in (0, 1)]
+    terms = [
+        didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.1, estimated=True) for joint in (0, 1)
+    ]
     done = didim.identify(replace(log, robot=robot().with_terms([*LOADED, *terms])), didim.IDIMLS())
     assert not any(reason.code == "friction" for reason in done.verdict.reasons)
     # What blocks do not support is a note, and stays in the intervals.
