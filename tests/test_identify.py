@@ -63,17 +63,6 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str, weights: str) 
     assert fit.elapsed > 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("unjudged", "without_alarm")
-def test_errors_with_noise_are_as_large_as_sigma_says(robot: Robot, x: Array, truth: Array) -> None:
-    errors = []
-    for seed in range(60):
-        fit = identify(simulated.experiment(robot, simulated.log(robot, x, noise=0.3, seed=seed)))
-        errors.append((fit.beta - truth) / fit.std)
-    # 60 fits of some ten correlated estimates: their rms is known to about 6 %.
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.15)
-
-
 def test_rows_are_joint_by_joint_across_recordings(robot: Robot, x: Array) -> None:
     one, two = (simulated.log(robot, x, seed=seed, noise=0.3, name=f"run {seed}") for seed in (1, 2))
     # Swapping the recordings moves rows within a joint, which changes nothing but rounding.
