@@ -317,9 +317,12 @@ def choose_terms(
     state, rivals = last.compared(last.needed(last.chosen(state)))
     moves = last.moves(state)
     trial = settle([move.term for move in moves])
+    values = dict(zip(trial.model.unknowns.names, trial.beta, strict=True))
+    # Load friction, memory and stiffness below zero would drive the joint.
     chosen = tuple(
         replace(term, rival=rivals.get(term.parameter, 0.0))
-        for term in _without_driving(trial.model, trial.beta)
+        for term in trial.robot.friction.terms
+        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
     )
     added = {term.parameter for term in chosen}
     return FrictionChoice(
@@ -513,13 +516,3 @@ class _Search:
             if abs(significance(gain)) < LEAST_SIGNIFICANCE:
                 rivals[screen.pool[own].term.parameter] = screen.pool[best[1]].term.velocity
         return state, rivals
-
-
-def _without_driving(model: Model, beta: Array) -> tuple[FrictionTerm, ...]:
-    """Leave out load friction, memory and stiffness below zero: they would drive the joint."""
-    values = dict(zip(model.unknowns.names, beta, strict=True))
-    return tuple(
-        term
-        for term in model.own.friction.terms
-        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
-    )
