@@ -26,6 +26,7 @@ def add(commands: Commands) -> None:
         "didim export fit.json --urdf arm.urdf -o new.urdf",
         "didim export fit.json --mjcf -o arm.xml",
         "didim export fit.json --mjcf go2.xml -o go2_fit.xml --for-step 0.002",
+        "didim export fit.json --samples 1000 -o draws.npz",
         "didim export fit.json --c --prefix arm_ -o arm.h",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path, nargs="?")
@@ -64,6 +65,7 @@ def add(commands: Commands) -> None:
         "with --c: velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction",
         float,
     )
+    parser.add_argument("--seed", type=int, help="with --samples: of NumPy's generator (default: 0)")
     add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
     add_flag(parser, "--force", "overwrite an existing file")
     add_flag(
@@ -93,6 +95,12 @@ def _add_forms(form: Options) -> None:
         nargs="?",
         const="",
     )
+    add_option(
+        form,
+        "--samples N",
+        "write N correlated draws of what was estimated, with ranges: -o NAME.npz or NAME.json",
+        int,
+    )
     add_flag(form, "--sdf", "write SDF, the format of Gazebo and Drake")
     add_flag(form, "--c", "write a C99 header: torques, M(q) and gravity")
     add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
@@ -108,6 +116,8 @@ def _wrong(options: argparse.Namespace) -> str | None:
         return "--prefix is for --c"
     if options.smoothing is not None and not options.c:
         return "--smoothing is for --c"
+    if options.seed is not None and options.samples is None:
+        return "--seed is for --samples"
     if options.payload is not None and options.fit is None:
         return "--payload is for a result, FIT.json, which has payloads"
     if options.keep_lumped and options.urdf is None:
@@ -137,6 +147,8 @@ def run(options: argparse.Namespace) -> int:
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
     servos = (into or options.urdf) and options.fit is not None and _has_servos(options.fit)
+    if options.samples is not None:
+        return _samples(options)
     if options.bam is not None:
         return _bam(options)
     if simulators or servos:
@@ -226,6 +238,25 @@ def _bam(options: argparse.Namespace) -> int:
     for path, content in zip(paths, contents.values(), strict=True):
         saved.write(path, content)
     return saved.end(f"{drives}")
+
+
+def _samples(options: argparse.Namespace) -> int:
+    """Write draws of a result, of links with the prior that its robot has."""
+    from ..export.source import fitted_robot
+    from ..result.identification import Identification
+    from ..result.samples import SUFFIXES
+
+    named = options.output is not None and options.output.suffix in SUFFIXES
+    if options.fit is None or options.payload is not None or not named:
+        return refuse(
+            "--samples is for a result, FIT.json, without payloads, and needs -o NAME.npz or NAME.json"
+        )
+    fit, more = Identification.load(options.fit), {}
+    if options.prior not in (None, "generic"):
+        more = {"prior": options.prior, "robot": fitted_robot(fit, options.fit, options.robot)}
+    samples, saved = fit.samples(options.samples, seed=options.seed or 0, **more), Saved()
+    saved.save(options.output, samples.save)
+    return saved.end(f"{samples}", verdict=fit.verdict)
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:
