@@ -14,15 +14,13 @@ from pathlib import Path
 from .._tools.words import brief, columned, did_you_mean, series
 from ..errors import FitError
 from ..experiment.unknown import SOFT
+from ..methods.positions.intervals import HALF
 from ..result.identification import Identification
 from ..robot.friction import Friction
 from .bodies import WORDS, ExportModel, joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
-HALF = 0.5
-"""Share of a time step by which an implicit velocity is late, and a command early."""
-
 STUCK_CREEP_S = 5e-6
 """Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
 MOST_SHIFT = 1.0

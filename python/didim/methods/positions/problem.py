@@ -289,17 +289,43 @@ class Problem:
         self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
+        state = [np.tile(part, (len(thetas), 1)) for part in rollout.start]
+        return self._run(rollout, rollout.loop, thetas, (state[0], state[1], 0.0), lead_s)
+
+    def ahead(
+        self, rollout: Rollout, theta: Array, seconds: float, spacing_s: float
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Return the encoders' positions from measured states on, so many seconds apart, and the samples of these states.
+
+        The positions are (n_states, n_samples, n_limb_joints), the first those of the states. Position and velocity are those of
+        a parabola through the samples around, and all states are lanes of one batch.
+        """
+        rate, count = rollout.rate_hz, len(rollout.q)
+        half = max(FEWEST_START_SAMPLES, round(START_S * rate)) // 2
+        at = np.arange(max(rollout.first, half), count - half, max(1, round(spacing_s * rate)))
+        around = np.arange(-half, half + 1)
+        q = np.moveaxis(rollout.q[at[:, None] + around], 1, 0).reshape(len(around), -1)
+        parabola = np.polynomial.polynomial.polyfit(around / rate, q, 2)
+        state = (*parabola[:2].reshape(2, len(at), -1), at / rate)
+        loop = rollout.loop.ahead(min(round(seconds * rate), count - 1))
+        return self._run(rollout, loop, np.tile(theta, (len(at), 1)), state)[0], at
+
+    def _run(
+        self,
+        rollout: Rollout,
+        loop: ServoLoop,
+        thetas: Array,
+        state: tuple[Array, Array, Array | float],
+        lead_s: float = 0.0,
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Simulate candidates from states: encoder readings and velocities, and the times of the log at which they begin."""
         x, drive = self._of_limb(rollout, thetas)
-        q, dq = (np.tile(part, (len(thetas), 1)) for part in rollout.start)
+        q, dq, begin_s = state
         self.simulated.append(len(thetas))
         creep, rest = (drive.pop(kind) for kind in SOFT)
         slope = self._slope(rollout, x) * rest / creep if self.soft else 0.0
-        return rollout.loop.run(
-            x,
-            Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s),
-            self.threads,
-            every_jump=self.every_jump,
-        )
+        servos = Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s, begin_s=begin_s)
+        return loop.run(x, servos, self.threads, every_jump=self.every_jump)
 
     def parameters(self, thetas: Array, recording: int | None = None) -> tuple[Array, dict[str, Array]]:
         """Return the standard parameters of the robot and the numbers of its servos, (n_candidates, n) each.
