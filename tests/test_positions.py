@@ -289,22 +289,20 @@ def test_predictions_begin_with_measured_states(tmp_path: Path) -> None:
     values = {f"{kind}{j + 1}": value * (1.0 + 0.1 * j) for kind, value in truth.items() for j in range(3)}
     problem = Problem(experiment, given=values)
     (rollout,) = problem.rollouts
-    q, at = problem.ahead(rollout, problem.start, 2.0, 0.1)
-    assert at[0] == rollout.first
-    assert q.shape == (len(at), 201, 3)
-    ends = at[at + 200 < len(rollout.q)]
-    assert len(ends) > 30
-    errors = np.stack([q[k] - rollout.q[start : start + 201] for k, start in enumerate(ends)])
-    rms = np.sqrt(np.mean(errors**2, axis=(0, 2)))
-    assert rms[0] < 1e-3
-    assert rms[1:].max() < 5e-3 < 0.1 * np.std(rollout.q)
-    still = np.abs(np.diff(rollout.q[ends[:, None] + np.arange(-3, 4)], axis=1)).max(axis=(1, 2)) < 1e-3
-    assert still.sum() >= 5  # where the first velocity is no guess
-    assert np.sqrt(np.mean(errors[still] ** 2)) < 2e-4
+    every, at = problem.ahead(rollout, problem.start, (2.0, 0.1), np.full(3, np.inf))
+    assert at.tolist() == [*range(rollout.first, len(rollout.q) - 2, 10)]
+    assert every.shape == (len(at), 201, 3)
+    q, smooth = problem.ahead(rollout, problem.start, (2.0, 0.1), np.full(3, 2e-4))
+    assert 20 < len(smooth) < len(at)
+    assert {*smooth.tolist()} < {*at.tolist()}
+    ends = smooth[smooth + 200 < len(rollout.q)]
+    truth_of = rollout.q[ends[:, None] + np.arange(201)]
+    assert np.sqrt(np.mean((q[: len(ends)] - truth_of) ** 2)) < 5e-4 < 0.01 * np.std(rollout.q)
+    assert not problem.ahead(rollout, problem.start, (2.0, 0.1), np.zeros(3))[1].size
     wrong, column = problem.start, [column.name for column in problem.columns].index("delay_s")
     wrong[column] += 0.01
-    late = problem.ahead(rollout, wrong, 2.0, 0.1)[0][: len(ends)][still] - q[: len(ends)][still]
-    assert np.sqrt(np.mean(late**2)) > 2e-3
+    late = problem.ahead(rollout, wrong, (2.0, 0.1), np.full(3, 2e-4))[0]
+    assert np.sqrt(np.mean((late - q) ** 2)) > 5e-3
 
 
 @pytest.mark.slow

@@ -293,22 +293,28 @@ class Problem:
         return self._run(rollout, rollout.loop, thetas, (state[0], state[1], 0.0), lead_s)
 
     def ahead(
-        self, rollout: Rollout, theta: Array, seconds: float, spacing_s: float
+        self, rollout: Rollout, theta: Array, seconds: tuple[float, float], noise: Array
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return the encoders' positions from measured states on, so many seconds apart, and the samples of these states.
+        """Return the encoders' positions from measured states on, (n_states, n_samples, n_limb_joints), and the samples of these.
 
-        The positions are (n_states, n_samples, n_limb_joints), the first those of the states. Position and velocity are those of
-        a parabola through the samples around, and all states are lanes of one batch.
+        `seconds` are the time simulated and that between states. Their positions and velocities are those of parabolas through the
+        samples around; left out are those at which a parabola leaves more than `noise` (rad or m, rms), (n_limb_joints,), such as
+        at a blow. All states are lanes of one batch.
         """
         rate, count = rollout.rate_hz, len(rollout.q)
         half = max(FEWEST_START_SAMPLES, round(START_S * rate)) // 2
-        at = np.arange(max(rollout.first, half), count - half, max(1, round(spacing_s * rate)))
+        at = np.arange(max(rollout.first, half), count - half, max(1, round(seconds[1] * rate)))
         around = np.arange(-half, half + 1)
         q = np.moveaxis(rollout.q[at[:, None] + around], 1, 0).reshape(len(around), -1)
         parabola = np.polynomial.polynomial.polyfit(around / rate, q, 2)
-        state = (*parabola[:2].reshape(2, len(at), -1), at / rate)
-        loop = rollout.loop.ahead(min(round(seconds * rate), count - 1))
-        return self._run(rollout, loop, np.tile(theta, (len(at), 1)), state)[0], at
+        left = q - np.polynomial.polynomial.polyval(around / rate, parabola).T
+        smooth = (np.sqrt(np.mean(left**2, axis=0)).reshape(len(at), -1) <= noise).all(axis=1)
+        position, velocity = parabola[:2].reshape(2, len(at), -1)[:, smooth]
+        at = at[smooth]
+        if not at.size:
+            return np.empty((0, 1, len(rollout.joints))), at
+        loop = rollout.loop.ahead(min(round(seconds[0] * rate), count - 1))
+        return self._run(rollout, loop, np.tile(theta, (len(at), 1)), (position, velocity, at / rate))[0], at
 
     def _run(
         self,

@@ -16,14 +16,16 @@ from ...experiment.unknown import SOFT
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ...result.positions.table import milli
+from ...signal.noise import white_noise
 from ..builder import digests
+from .intervals import LASTING, LEAST_NOISE
 from .laws import with_softness
 from .problem import Problem
 from .stops import Stop
 
 HORIZONS_S = (0.1, 0.5, 2.0)
-"""Times (s) after a measured state at which predictions are compared: those of a reflex, a step and a move. States are a second one
-apart."""
+"""Times (s) after a measured state at which predictions are compared: those of a reflex, a step and a move. States are as far apart
+as the first of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,8 @@ def rms_error(replays: Sequence[Replay], joint: int) -> float:
 def horizon_errors(fit: Identification, experiment: Experiment) -> dict[str, dict[str, list[float]]]:
     """Return the rms errors of predictions (rad or m), joint by joint, by recording and time ahead (s): see `HORIZONS_S`.
 
-    A prediction begins with a measured state. Errors are NaN where a log is too short; others as of `replayed`.
+    A prediction begins with a state whose velocity is measured: see `Problem.ahead`. Errors are NaN where a log has none, or is too
+    short; others as of `replayed`.
     """
     problem, theta = _problem(fit, experiment)
     n, squares = problem.robot.n_dof, dict[str, Array]()
@@ -83,7 +86,8 @@ def horizon_errors(fit: Identification, experiment: Experiment) -> dict[str, dic
         found = squares.setdefault(
             experiment.recordings[rollout.recording].name, np.zeros((2, len(HORIZONS_S), n))
         )
-        predicted, at = problem.ahead(rollout, theta, HORIZONS_S[-1], HORIZONS_S[1])
+        noise = LASTING * np.maximum(white_noise(rollout.q), LEAST_NOISE)
+        predicted, at = problem.ahead(rollout, theta, (HORIZONS_S[-1], HORIZONS_S[0]), noise)
         for row, seconds in enumerate(HORIZONS_S):
             steps = round(seconds * rollout.rate_hz)
             inside = at + steps < len(rollout.q)
