@@ -161,6 +161,12 @@ def test_files_of_samples(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         np.testing.assert_array_equal(arrays[key], data[key])
     assert data["joints"] == [["turn"]] * 7
     np.testing.assert_allclose(arrays["ranges"], np.percentile(arrays["values"], [5, 50, 95], axis=0))
+    assert main(["export", str(path), "--mjlab", "--ranges"]) == 0
+    assert '"gains_turn": EventTermCfg(func=dr.pd_gains' in capsys.readouterr().out
+    assert main(["export", str(path), "--mjlab", "--seed", "1"]) == 2
+    assert "--seed is for --samples" in capsys.readouterr().err
+    assert main(["export", str(path), "--bam", "--ranges"]) == 2
+    assert "--ranges is for --mjlab and --isaac-lab" in capsys.readouterr().err
     for options in (["-o", "draws.csv"], [], ["-o", "draws.npz", "--payload", "none"]):
         assert main(["export", str(path), "--samples", "200", *options]) == 2
         assert "needs -o NAME.npz or NAME.json" in capsys.readouterr().err

@@ -65,6 +65,9 @@ def add(commands: Commands) -> None:
         "with --c: velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction",
         float,
     )
+    add_flag(
+        parser, "--ranges", "with --mjlab and --isaac-lab: events that randomise what was estimated, too"
+    )
     parser.add_argument("--seed", type=int, help="with --samples: of NumPy's generator (default: 0)")
     add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
     add_flag(parser, "--force", "overwrite an existing file")
@@ -116,6 +119,8 @@ def _wrong(options: argparse.Namespace) -> str | None:
         return "--prefix is for --c"
     if options.smoothing is not None and not options.c:
         return "--smoothing is for --c"
+    if options.ranges and not (options.mjlab or options.isaac_lab):
+        return "--ranges is for --mjlab and --isaac-lab"
     if options.seed is not None and options.samples is None:
         return "--seed is for --samples"
     if options.payload is not None and options.fit is None:
@@ -192,10 +197,11 @@ def _has_servos(fit: Path) -> bool:
 
 def _drives(options: argparse.Namespace) -> int:
     """Write the drives of a result for a simulator."""
-    from ..export.configuration import isaac_lab, mjlab
+    from ..export.configuration import isaac_lab, mjlab, ranges_of
     from ..export.drives import for_step, read_drives
     from ..export.urdf import edit_dynamics
     from ..export.write import into_mjcf
+    from ..result.identification import Identification
 
     if options.payload is not None:
         return refuse("--payload is for forms with links: a URDF, MJCF, SDF or C of a result on torques")
@@ -206,11 +212,11 @@ def _drives(options: argparse.Namespace) -> int:
     drives, step = read_drives(options.fit).plain_servos(), options.for_step
     if options.urdf is not None:
         content = edit_dynamics(drives, options.urdf)
-    elif options.mjlab:
-        drives = drives if step is None else for_step(drives, step, "implicitfast")
-        content = mjlab(drives, step).encode()
     else:
-        content = isaac_lab(drives, step).encode()
+        if options.mjlab and step is not None:
+            drives = for_step(drives, step, "implicitfast")
+        ranges = ranges_of(drives, Identification.load(options.fit).samples()) if options.ranges else None
+        content = (mjlab if options.mjlab else isaac_lab)(drives, step, ranges).encode()
     return _written(options.output, content, f"{drives}")
 
 

@@ -24,8 +24,8 @@ from .problem import Problem
 from .stops import Stop
 
 HORIZONS_S = (0.1, 0.5, 2.0)
-"""Times (s) after a measured state at which predictions are compared: those of a reflex, a step and a move. States are as far apart
-as the first of them."""
+"""Durations (s) from a measured state to the predictions that are compared: those of a reflex, a step and a move. States are as far
+apart as the first of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def horizon_errors(fit: Identification, experiment: Experiment) -> dict[str, dic
     return {
         name: {
             f"{seconds:g}": row.tolist()
-            for seconds, row in zip(HORIZONS_S, np.sqrt(quotient(*found, np.nan)), strict=True)
+            for seconds, row in zip(HORIZONS_S, np.sqrt(quotient(found[0], found[1], np.nan)), strict=True)
         }
         for name, found in squares.items()
     }
