@@ -7,9 +7,11 @@
 needs the package mujoco. Six position actuators with armature, damping, frictionloss, gains, a torque limit of 3.35 N.m and a
 delay of 15 ms follow smooth moves and, a third of the time, steps that saturate; 60 s at 50 Hz are logged, to 0.088 degrees.
 Printed are, kind by kind, the errors of the estimates (rms and largest, in per cent of the truth), the share of the truth inside
-the 95 % intervals, and processor seconds. A fleet has armature, damping, frictionloss and gains of its own in each arm, drawn from
-known spreads: one fit has a log of half of its arms, and printed is how much of another motion of the others lies between the
-5 and 95 % of 200 draws of that fit, and between all of them, to half a count of the encoder. A third of it is tried in ``tests/test_samples.py``.
+the 95 % intervals, and processor seconds.
+
+A fleet has armature, damping and frictionloss of its own in each arm, drawn from known spreads, and one fit has a log of half of its
+arms. Printed is how much of another motion of the others lies between the 5 and 95 % of 200 draws of that fit, and between all of
+them, to half a count of the encoder. A third of it is tried in ``tests/test_samples.py``.
 """
 
 from __future__ import annotations
@@ -376,14 +378,13 @@ def rms(values: object) -> float:
 
 
 def print_fleet(fit: didim.Identification, arms: list[dict[str, np.ndarray]], shares: np.ndarray) -> None:
-    """Print the spread of the draws beside that of the arms that were fitted, kind by kind, and the shares within the draws."""
-    samples = fit.samples(2000)
+    """Print the spread between logs by the fit beside that of the arms that were fitted, and the shares within the draws."""
+    samples = fit.samples(100)
     for kind in ("Ia", "Fv", "Fc"):
         true = np.array([p[kind] for p in arms])
-        drawn = samples.values[:, np.array(samples.kinds) == kind]
-        ratio = drawn.std(axis=0) / true.std(axis=0, ddof=1)
+        ratio = samples.runs[np.array(samples.kinds) == kind] / true.std(axis=0, ddof=1)
         print(
-            f"{kind}: spread of the draws over that of the {len(arms)} arms {np.array2string(ratio, precision=2)}"
+            f"{kind}: spread between logs over that of the {len(arms)} arms {np.array2string(ratio, precision=2)}"
         )
     within, all_of = shares.mean(axis=(0, 2))
     whole = (shares[:, 1] == 1.0).mean()

@@ -15,7 +15,7 @@ import didim
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.export.configuration import bam, isaac_lab, mjlab, ranges_of
-from didim.export.drives import Drives, JointDrive, drives_of, for_step
+from didim.export.drives import Drives, JointDrive, drives_of, for_step, samples_for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.result.identification import Identification
 from didim.result.iteration import Status
@@ -362,6 +362,17 @@ def test_ranges_of_what_was_estimated_are_events_of_the_simulators() -> None:
     assert {*ranges["delay_s"]} == {"pan", "lift"}
     moved = ranges_of(for_step(both, 0.004, "implicitfast"), samples)
     np.testing.assert_allclose(moved["rotor"]["pan"], np.array(ranges["rotor"]["pan"]) - 0.002 * (0.3 + 0.5))
+
+    late = samples_for_step(samples, both, 0.004)
+    for drive in for_step(both, 0.004, "implicitfast").joints:
+        if drive.joint == "pan":
+            assert late.estimate[0] == pytest.approx(drive.rotor)
+        assert late.estimate[-1] == pytest.approx(drive.delay_s)
+    np.testing.assert_allclose(late.values[:, 0] - samples.values[:, 0], -0.002 * (0.3 + 0.5))
+    damped = replace(samples, joints=(("pan",),) * 6)  # the damping of this joint is drawn too
+    change = (samples_for_step(damped, both, 0.004).values - samples.values)[:, 0]
+    np.testing.assert_allclose(change, -0.002 * (samples.values[:, 4] + 0.5))
+    assert (samples_for_step(samples, both, 0.2).values[:, 0] == 0.0).all()
 
     text = mjlab(both, 0.005, ranges)
     found = events(text)

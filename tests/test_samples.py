@@ -178,12 +178,13 @@ def test_files_of_samples(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_fleet_moves_as_the_draws_of_its_logs(tmp_path: Path) -> None:
     """Six arms with spreads of 15 to 20 %, simulated by MuJoCo: their logs tell the spread, and draws what six others do."""
     bench = script(ROOT / "benches" / "positions.py")
-    fit, arms, shares = bench.fleet(tmp_path, 12, 8.0, 100)
-    samples = fit.samples(2000)
+    fit, arms, shares = bench.fleet(tmp_path, 12, 8.0, 60)
+    samples = fit.samples(100)
     for kind in ("Ia", "Fv", "Fc"):
-        drawn = samples.values[:, np.array(samples.kinds) == kind]
-        ratio = drawn.std(axis=0) / np.std([p[kind] for p in arms], axis=0, ddof=1)
-        assert 0.7 < np.median(ratio) < 1.5
+        found = samples.runs[np.array(samples.kinds) == kind]
+        ratio = found / np.std([p[kind] for p in arms], axis=0, ddof=1)
+        assert 0.6 < np.median(ratio) < 1.4
+    assert samples.runs[samples.kinds.index("delay_s")] < 1e-3  # all have one
     within, every = shares.mean(axis=(0, 2))
     assert every > 0.9
-    assert within < 1.0
+    assert 0.75 < within < 0.97

@@ -55,7 +55,7 @@ def add(commands: Commands) -> None:
     add_option(
         parser,
         "--for-step H",
-        "with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
+        "with --mjcf ROBOT.xml, --mjlab, --isaac-lab, --samples: step of the simulator (s), by which its integrator shifts values",
         float,
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
@@ -127,9 +127,11 @@ def _wrong(options: argparse.Namespace) -> str | None:
         return "--payload is for a result, FIT.json, which has payloads"
     if options.keep_lumped and options.urdf is None:
         return "--keep-lumped is for --urdf"
-    steps = options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab
+    steps = (
+        options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab or options.samples is not None
+    )
     if options.for_step is not None and not (steps and 0.0 < options.for_step <= 1.0):
-        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
+        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab, --isaac-lab and --samples"
     return None
 
 
@@ -248,6 +250,7 @@ def _bam(options: argparse.Namespace) -> int:
 
 def _samples(options: argparse.Namespace) -> int:
     """Write draws of a result, of links with the prior that its robot has."""
+    from ..export.drives import read_drives, samples_for_step
     from ..export.source import fitted_robot
     from ..result.identification import Identification
     from ..result.samples import SUFFIXES
@@ -261,6 +264,8 @@ def _samples(options: argparse.Namespace) -> int:
     if options.prior not in (None, "generic"):
         more = {"prior": options.prior, "robot": fitted_robot(fit, options.fit, options.robot)}
     samples, saved = fit.samples(options.samples, seed=options.seed or 0, **more), Saved()
+    if options.for_step is not None:
+        samples = samples_for_step(samples, read_drives(options.fit), options.for_step)
     saved.save(options.output, samples.save)
     return saved.end(f"{samples}", verdict=fit.verdict)
 
