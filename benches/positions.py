@@ -9,7 +9,7 @@ delay of 15 ms follow smooth moves and, a third of the time, steps that saturate
 Printed are, kind by kind, the errors of the estimates (rms and largest, in per cent of the truth), the share of the truth inside
 the 95 % intervals, and processor seconds.
 
-A fleet has armature, damping and frictionloss of its own in each arm, drawn from known spreads, and one fit has a log of half of its
+A fleet has armature, damping and frictionloss of its own in each arm, drawn from known spreads; one fit has a log of half of its
 arms. Printed is how much of another motion of the others lies between the 5 and 95 % of 200 draws of that fit, and between all of
 them, to half a count of the encoder. A third of it is tried in ``tests/test_samples.py``.
 """

@@ -124,6 +124,8 @@ def test_draws_have_the_covariance_of_the_fit_and_are_widened_by_the_spread_betw
     del settings["positions"]["rows"][0]["bounds"]
     with pytest.raises(FitError, match="of an older version lacks what samples need: identify the log again"):
         replace(fit, settings=settings).samples()
+    with pytest.raises(FitError, match=r"at least 20 draws, a whole number, got 100\.5"):
+        fit.samples(100.5)  # type: ignore[arg-type]
     with pytest.raises(FitError, match="no standard deviations: its log is too short"):
         replace(fit, uncertainty=None).samples()
 
@@ -171,7 +173,7 @@ def test_files_of_samples(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         assert main(["export", str(path), "--samples", "200", *options]) == 2
         assert "needs -o NAME.npz or NAME.json" in capsys.readouterr().err
     assert main(["export", str(path), "--samples", "2", "-o", str(tmp_path / "few.npz")]) != 0
-    assert "samples need at least 20 draws, got 2" in capsys.readouterr().err
+    assert "samples need at least 20 draws, a whole number, got 2" in capsys.readouterr().err
 
 
 @pytest.mark.slow

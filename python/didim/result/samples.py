@@ -13,6 +13,7 @@ import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, cast
 
@@ -40,7 +41,7 @@ class Samples:
     Attributes
     ----------
     names, kinds, units : tuple of str
-        Of the unknowns: ``Ia3``, ``Ia``, ``kg.m^2``.
+        Those of the unknowns: ``Ia3``, ``Ia``, ``kg.m^2``.
     joints : tuple of tuple of str
         Names of the joints that have each; those of a link or a motor for the parameters of a fit of torques.
     origins : tuple of str
@@ -54,7 +55,7 @@ class Samples:
     runs : (p,) array
         Standard deviation from log to log, which widens the draws of each by itself; zero for a fit of one log.
     seed : int
-        Of NumPy's default generator.
+        Seed of NumPy's default generator.
     """
 
     names: tuple[str, ...]
@@ -155,8 +156,8 @@ class Sampled(MovedToRobot):
         -----
         ``test_samples.py`` compares with the covariance and with rejected draws, and simulates fleets whose spread is known.
         """
-        if isinstance(count, bool) or not count >= FEWEST_DRAWS:
-            raise FitError(f"samples need at least {FEWEST_DRAWS} draws, got {count!r:.40}")
+        if isinstance(count, bool) or not isinstance(count, Integral) or count < FEWEST_DRAWS:
+            raise FitError(f"samples need at least {FEWEST_DRAWS} draws, a whole number, got {count!r:.40}")
         record = PositionRecord.of(self.settings)
         if record is None:
             return self._robots(count, seed, prior, robot)
