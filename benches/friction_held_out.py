@@ -85,7 +85,11 @@ def fitted(experiment: didim.Experiment, auto: bool) -> tuple[didim.Robot, Array
         choice = choose_terms(job.model, parts, job.signal, solved, np.max(steps, axis=0))
         robot = robot.with_terms(choice.friction.terms)
     found = settled(job.model.with_robot(robot), parts, job.signal, solved)
-    return found.robot, found.beta, " ".join(term.parameter for term in found.robot.friction.terms)
+    beta = found.beta
+    if auto:  # among robots, as a fit with chosen laws is solved
+        job = didim.IDIMLS(physical=True).job(replace(experiment, robot=found.robot))
+        beta = job.model.unknowns.expand(job.solve(found.system).solution)
+    return found.robot, beta, " ".join(term.parameter for term in found.robot.friction.terms)
 
 
 def errors(

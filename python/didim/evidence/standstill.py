@@ -25,8 +25,6 @@ def check_standstill(
 
     With rows and a result it is doubtful where parameters move without the rows at rest, by `FRICTION_SHIFT` of their deviations.
     """
-    if robot.friction.coulomb != "sign":
-        return []
     rests = at_rest(robot, parts)
     shares = np.mean(np.concatenate(rests), axis=0)
     joints = [int(joint) for joint in np.flatnonzero(shares > LEAST_REST)]

@@ -239,11 +239,9 @@ class _Limb:
     def moved(self, columns: Array) -> Array:
         """Return the change of the unknowns with a unit of weighted columns: ``-R^-1 Q^T C``, or as the precision holds them."""
         along = self.q.T @ columns
-        if self.held.any():
-            along = np.linalg.solve(self.r.T @ self.r + self.held, self.r.T @ along)
-        else:
-            along = np.linalg.solve(self.r, along)
-        return np.asarray(-along / self.size[:, None])
+        held = self.r.T @ self.r + self.held
+        moved = np.linalg.solve(held, self.r.T @ along) if self.held.any() else np.linalg.solve(self.r, along)
+        return np.asarray(-moved / self.size[:, None])
 
     def weighted(self, columns: Array) -> Array:
         """Return one weighted column of W per joint, zero in the rows of the other joints."""

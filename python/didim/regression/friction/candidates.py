@@ -141,8 +141,10 @@ def narrowest_memory(parts: Sequence[Window], steps: Array | None) -> Array:
 
 
 def at_rest(robot: Robot, parts: Sequence[Window]) -> list[Array]:
-    """Return 1 where a joint stands still for long, without dead zone or kept sign, (n_samples, n_dof) of each part."""
+    """Return 1 where a joint with a plain sign, no dead zone, stands still for long, (n_samples, n_dof) of each part."""
     found = [np.zeros_like(part.dq) for part in parts]
+    if robot.friction.coulomb != "sign":
+        return found
     held = [term.joint for term in robot.friction.terms if term.law == "hold"]
     for joint in range(robot.n_dof):
         if robot.friction.dead_zone[joint] > 0.0 or joint in held:

@@ -22,7 +22,6 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...model.dynamics import inverse_dynamics
 from ...robot.friction import Friction, FrictionTerm, Law
-from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
 from ...terms.model import Model
@@ -170,7 +169,9 @@ def first_fit(  # many parameters: those of choose_terms
     choice = choose_terms(model, parts, signal, solve, resolved)
     if choice.refused:  # what this log lacks is not friction
         return FirstFit(choice=choice)
-    resting = _resting(model.own.with_terms(choice.friction.terms), parts)
+    # The noise of the velocity decides a plain sign there.
+    at = at_rest(model.own.with_terms(choice.friction.terms), parts)
+    resting = np.flatnonzero(np.mean(np.concatenate(at), axis=0) > LEAST_REST).tolist()
     if resting or not choice.friction.held:
         say("choosing friction near rest")
         smooth, found = _near_rest(model, parts, signal, solve, resting if choice.friction.held else ())
@@ -186,13 +187,6 @@ def first_fit(  # many parameters: those of choose_terms
     later, still = _delayed(model, choice, windows, signal, solve, samples)
     samples = samples if still is None else later
     return FirstFit(choice=choice, rest=rest, samples=samples, delay=worth)
-
-
-def _resting(robot: Robot, parts: Sequence[Window]) -> list[int]:
-    """Return the joints, from 0, at which the noise of the velocity decides a plain sign in a part of the log."""
-    if robot.friction.coulomb != "sign":
-        return []
-    return np.flatnonzero(np.mean(np.concatenate(at_rest(robot, parts)), axis=0) > LEAST_REST).tolist()
 
 
 def _near_rest(
@@ -323,9 +317,12 @@ def choose_terms(
     state, rivals = last.compared(last.needed(last.chosen(state)))
     moves = last.moves(state)
     trial = settle([move.term for move in moves])
+    values = dict(zip(trial.model.unknowns.names, trial.beta, strict=True))
+    # Load friction, memory and stiffness below zero would drive the joint.
     chosen = tuple(
         replace(term, rival=rivals.get(term.parameter, 0.0))
-        for term in _without_driving(trial.model, trial.beta)
+        for term in trial.robot.friction.terms
+        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
     )
     added = {term.parameter for term in chosen}
     return FrictionChoice(
@@ -519,13 +516,3 @@ class _Search:
             if abs(significance(gain)) < LEAST_SIGNIFICANCE:
                 rivals[screen.pool[own].term.parameter] = screen.pool[best[1]].term.velocity
         return state, rivals
-
-
-def _without_driving(model: Model, beta: Array) -> tuple[FrictionTerm, ...]:
-    """Leave out load friction, memory and stiffness below zero: they would drive the joint."""
-    values = dict(zip(model.unknowns.names, beta, strict=True))
-    return tuple(
-        term
-        for term in model.own.friction.terms
-        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
-    )
