@@ -111,7 +111,7 @@ def first_fits(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
 def thirds(experiment: didim.Experiment) -> Iterator[tuple[float, float]]:
     """Yield the error that two thirds of the first recording promise for control, and what they miss of the other one."""
     recording = experiment.recordings[0]
-    friction = didim.Friction.plain(experiment.robot.n_dof)
+    friction = didim.robot.Friction.plain(experiment.robot.n_dof)
     auto = replace(experiment, robot=replace(experiment.robot, friction=replace(friction, auto=True)))
     for k in range(3):
         held = windows(recording, k, 3)
