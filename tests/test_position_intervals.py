@@ -65,6 +65,7 @@ def test_intervals_are_the_wider_ones_of_both_cuts(monkeypatch: pytest.MonkeyPat
         of_blocks, "_jackknife", lambda now, number: np.full((1, 1), {8: 1.0, 4: 9.0}[number])
     )
     monkeypatch.setattr(of_blocks, "_drift", lambda *given: np.zeros((2, 1)))
+    monkeypatch.setattr(of_blocks, "_between_logs", lambda now: np.zeros(1))
     found = intervals(search_of(monkeypatch, np.ones(9)))
     assert found.half[0] == pytest.approx(3.0 * student_factor(0.95, 3))
     assert found.std[0] == pytest.approx(found.half[0] / student_factor(0.95, 7))
