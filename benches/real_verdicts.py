@@ -34,6 +34,7 @@ from didim.evidence.rows import LogRows
 from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
 from didim.methods.method import Method
+from didim.robot.friction import Friction
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -111,7 +112,7 @@ def first_fits(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
 def thirds(experiment: didim.Experiment) -> Iterator[tuple[float, float]]:
     """Yield the error that two thirds of the first recording promise for control, and what they miss of the other one."""
     recording = experiment.recordings[0]
-    friction = didim.robot.Friction.plain(experiment.robot.n_dof)
+    friction = Friction.plain(experiment.robot.n_dof)
     auto = replace(experiment, robot=replace(experiment.robot, friction=replace(friction, auto=True)))
     for k in range(3):
         held = windows(recording, k, 3)
