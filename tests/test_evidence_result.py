@@ -246,3 +246,13 @@ def test_the_error_promised_among_robots_is_that_of_blocks_left_out_under_their_
     again = didim.Identification.load(tmp_path / "fit.json")
     assert again.uncertainty is not None
     np.testing.assert_array_equal(again.uncertainty.unseen, growth)
+
+
+@pytest.mark.parametrize("physical", [False, True])
+def test_a_turned_torque_drives_a_robot_to_its_bounds_and_is_named(physical: bool) -> None:
+    """The curvature of the constraints is 1e15 there, and differences of it were negative."""
+    log = friction_logs.logged(friction_logs.robot(), friction_logs.stribeck(0.3), 1001)
+    tau = tau_of(log) * [1.0, -1.0]
+    fit = identify(with_torques(log, tau), IDIMLS(physical=physical))
+    assert (fit.verdict.state, fit.verdict.grave[0].code) == ("wrong", "torque-sign")
+    assert np.isfinite(fit.std).all()
