@@ -201,6 +201,23 @@ def test_a_further_law_is_tried_on_blocks_left_out_before_it_is_missed(
     np.testing.assert_array_equal(refused.std, fit.std)
 
 
+def test_joints_that_lack_friction_of_each_direction_and_another_law_are_named_apart() -> None:
+    """Viscous friction differs by direction at both joints, and one lacks Stribeck's law: blocks support forward friction too."""
+    right, more = load(0.08), stribeck(0.05)
+
+    def law(*motion: np.ndarray) -> np.ndarray:
+        falling = more(*motion) * [1.0, 0.0]
+        return np.asarray(right(*motion) + 0.5 * motion[3] * np.maximum(motion[1], 0.0) + falling)
+
+    fit = didim.identify(logged(robot().with_terms(LOADED), law, 500), didim.IDIMLS())
+    (found,) = (reason for reason in fit.verdict.reasons if reason.code == "friction")
+    assert "asymmetric" in found.facts["laws"]
+    assert "friction of each direction at joint" in found.sentence
+    assert found.advice.startswith(
+        "Add joints 1 and 2 to forward_viscous, joint 1 to stribeck under [friction]"
+    )
+
+
 def test_load_friction_of_the_model_is_not_tested_again() -> None:
     arm = robot().with_terms([didim.FrictionTerm(law="load", joint=joint) for joint in (0, 1)])
     found = alarm(didim.identify(logged(arm, load(0.08), 500), didim.IDIMLS()))

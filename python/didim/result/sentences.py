@@ -186,6 +186,7 @@ LAWS = {
 }
 """Description of friction laws that a model may lack."""
 MISSING = {
+    "asymmetric": "friction of each direction",
     "stribeck": "Stribeck's law",
     "atan": "an arctangent",
     "load": "load friction",
