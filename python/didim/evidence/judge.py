@@ -18,8 +18,7 @@ from ..errors import DidimError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..regression.friction.choice import further_laws
-from ..regression.least_squares import solve
-from ..regression.settings import LeastSquaresSettings
+from ..regression.least_squares import estimated
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from ..result.sentences import MISSING
@@ -27,7 +26,7 @@ from ..result.verdict import Use
 from ..robot.friction import KEYS
 from ..robot.payload import NOTHING
 from ..robot.robot import Robot
-from ..signal.noise import encoder_step
+from ..signal.noise import coarsest_steps
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
 from ..terms.model import Model
@@ -252,22 +251,10 @@ def _friction(rows: LogRows, measured: Measured, fit: Identification | None) -> 
 
 def _tried(finding: Finding, rows: LogRows, measured: Measured) -> Finding:
     """Return a finding on missing friction as that of the joints where blocks support a further law; a note if there is none."""
-
-    def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # only the estimate is used
-        return fit.solution, fit.weights
-
-    steps = [encoder_step(recording.measured_positions()) for recording in rows.recordings]
+    steps = coarsest_steps(recording.measured_positions() for recording in rows.recordings)
     joints = [joint - 1 for joint in finding.joints]
     with suppress(DidimError):
-        found = further_laws(
-            measured.logs,
-            measured.parts,
-            measured.signal,
-            solved,
-            np.max(steps, axis=0) if steps else None,
-            joints,
-        )
+        found = further_laws(measured.logs, measured.parts, measured.signal, estimated, steps, joints)
         found = {
             joint: own for joint, laws in found.items() if (own := tuple(law for law in laws if law in KEYS))
         }

@@ -9,7 +9,6 @@ leave, then w given z. A fit of torques needs none: each draw is the robot neare
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,8 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from .._tools.arrays import Array, quotient
-from .._tools.files import write_atomically
-from .._tools.saved import plain, save_json
+from .._tools.saved import plain, save_json, save_npz
 from .._tools.words import columned, series
 from ..errors import FitError
 from ..regression.consistent.nearest import FEWEST_DRAWS, LEAST_FREEDOM, Nearness
@@ -93,9 +91,7 @@ class Samples:
         if path.suffix == ".json":
             save_json(path, plain(content))
         elif path.suffix == ".npz":
-            buffer = io.BytesIO()
-            np.savez(buffer, **{**content, "joints": [" ".join(names) for names in self.joints]})
-            write_atomically(path, buffer.getvalue())
+            save_npz(path, {**content, "joints": [" ".join(names) for names in self.joints]})
         else:
             raise FitError(f"a file of samples ends in .npz or .json, and '{path.name}' does not")
 
