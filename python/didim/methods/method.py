@@ -232,7 +232,7 @@ class FitSettings(MethodSettings):
         """Return the settings with the solver of (7) that the logs ask for, where none is given.
 
         Laws that are chosen from a log are chosen under the conditions of a robot: without these, laws and links explain
-        each other's torque, and other logs are predicted worse. Unknown drive gains are estimated by plain least squares.
+        each other's torque. Unknown drive gains are estimated by plain least squares.
         """
         if self.solver is not None or self.physical is not None:
             return self

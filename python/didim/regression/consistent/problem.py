@@ -206,7 +206,7 @@ class ConstrainedProblem:
             if broken is not None:
                 raise FitError(
                     f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[broken].label} contradicts "
-                    "the others, or the parameters that are fixed or dropped"
+                    "the others, or what is fixed or dropped; physical = false asks for none"
                 )
             x = self.unknowns @ u
             error = rows @ (self.matrix @ x) - z
