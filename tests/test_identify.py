@@ -354,6 +354,7 @@ def test_the_file_and_the_choice_of_laws_ask_for_a_robot(robot: Robot, x: Array)
     auto = replace(robot, friction=replace(robot.friction, auto=True))
     assert solver(replace(log, robot=auto), IDIMLS()) == "consistent"
     assert solver(asked(False), IDIMLS(friction="auto")) == "least-squares"
+    wrong: Any
     for wrong in ("true", 1):
         with pytest.raises(FitError, match="physical must be True or False, got"):
             replace(log.least_squares, physical=wrong)
