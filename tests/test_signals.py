@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -17,14 +17,18 @@ from didim import _core
 from didim.errors import SignalError
 from didim.signal.filters import (
     _decimation_filter,
+    butterworth,
     central_differences,
+    chebyshev,
     decimate,
     decimation_stages,
     differentiate,
+    steady_states,
     zero_phase_butterworth,
 )
 from didim.signal.noise import _squared_gain, noise_correlation
 from didim.signal.processing import Form, SignalProcessing
+from didim.signal.spectrum import welch
 
 Array = NDArray[np.float64]
 
@@ -32,6 +36,44 @@ Array = NDArray[np.float64]
 def noise(n_samples: int, columns: int, seed: int = 0) -> Array:
     rng = np.random.default_rng(seed)
     return np.asarray(np.cumsum(rng.standard_normal((n_samples, columns)), axis=0))
+
+
+@pytest.mark.parametrize("order", range(1, 11))
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.5, 0.8, 0.97])
+@pytest.mark.parametrize("ripple", [None, 0.05, 3.0])
+def test_filters_are_designed_as_by_scipy(order: int, share: float, ripple: float | None) -> None:
+    """Poles, gain and the whole response; states in which sections rest give what the filter does to a step that never began."""
+    expected: Any  # scipy-stubs know real poles only
+    if ripple is None:
+        own, expected = butterworth(order, share), scipy.signal.butter(order, share, output="zpk")
+    else:
+        own = chebyshev(order, ripple, share)
+        expected = scipy.signal.cheby1(order, ripple, share, output="zpk")
+    np.testing.assert_allclose(np.sort_complex(own.poles), np.sort_complex(expected[1]), rtol=1e-13)
+    np.testing.assert_allclose(own.gain, expected[2], rtol=1e-13)
+    sos = own.sections()
+    assert (np.diff(sos[:, 5]) >= 0.0).all()
+    w = np.linspace(0.0, np.pi * min(1.0, 2.0 * share), 50)
+    response = scipy.signal.freqz_sos(sos, w)[1]
+    theirs = scipy.signal.freqz_sos(scipy.signal.zpk2sos(*expected), w)[1]
+    transfer = own.transfer_function().reshape(2, -1)
+    for product, factors in zip(transfer, scipy.signal.zpk2tf(*expected), strict=True):
+        np.testing.assert_allclose(product, factors, rtol=1e-12, atol=1e-13 * np.abs(factors).max())
+    near = 1.0 - np.abs(own.poles).max()
+    np.testing.assert_allclose(response, theirs, rtol=0, atol=1e-14 / near)
+    np.testing.assert_allclose(
+        steady_states(sos), scipy.signal.sosfilt_zi(sos), rtol=1e-13 / near, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize(("size", "trend"), [(64, None), (65, 0), (128, 1), (33, 1)])
+def test_spectra_are_scipys(size: int, trend: int | None) -> None:
+    x = noise(500, 2)
+    how: Any = {None: False, 0: "constant", 1: "linear"}[trend]  # scipy-stubs do not know "linear"
+    f, expected = scipy.signal.welch(x, 200.0, nperseg=size, detrend=how, axis=0)
+    own = welch(x, 200.0, size, trend)
+    np.testing.assert_allclose(own[0], f, rtol=1e-15)
+    np.testing.assert_allclose(own[1], expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 8, 10])

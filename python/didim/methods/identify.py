@@ -130,8 +130,9 @@ def identify_as(
     verbose: bool | None = None,
 ) -> Identification:
     """Run a method as `identify` does, with its progress under a label."""
-    # Its import takes a second, which the first of several methods would pay for all: it is not part of `elapsed`.
-    importlib.import_module("scipy.signal")
+    # Imports that take a fifth of a second, which the first of several methods would pay for all, are no part of `elapsed`.
+    for name in ("scipy.special", "scipy.linalg.lapack"):
+        importlib.import_module(name)
     start = time.perf_counter()
     line = ProgressLine() if verbose is None else None
 

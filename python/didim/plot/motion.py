@@ -11,6 +11,7 @@ from ..errors import PlotError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..result.identification import Identification
+from ..signal.spectrum import welch
 from ..signal.window import motion_of
 from ..studies.prediction import Prediction, predict
 from .logs import start_of
@@ -193,14 +194,12 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
     density : (n_frequencies, n_dof) array
         Root of the mean power of all windows, weighted by their rows.
     """
-    from scipy.signal import welch
-
     shortest = min(len(window.t) for window in predictions)
     size = min(LONGEST_DRAWN_PIECE, max(FEWEST_SPECTRUM_ROWS, shortest // FEWEST_PIECES))
-    total, weight = 0.0, 0
+    total, weight = np.zeros(()), 0
     for window in predictions:
         rate = 1.0 / float(np.median(np.diff(window.t)))
-        f, power = welch(getattr(window, key), fs=rate, nperseg=size, axis=0)
+        f, power = welch(getattr(window, key), rate, size, trend=0)
         total = total + len(window.t) * power
         weight += len(window.t)
     return f[1:], np.sqrt(np.asarray(total) / weight)[1:]

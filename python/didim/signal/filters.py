@@ -1,7 +1,8 @@
 """Zero-phase filters, central differences and decimation: from a logged position to the rows of (6).
 
-SciPy designs the filters in second-order sections and the core applies them. A transfer function of order 8 with its cut-off at
-0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically unsound; its sections are not. Two
+Low-pass filters are designed here, as SciPy designs them (its module of filters takes a second to load), in second-order sections,
+and the core applies them. A transfer function of order 8 with its cut-off at 0.008 of the Nyquist frequency, which a decimation by
+100 would need, is numerically unsound; its sections are not. Two
 conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``, and SciPy's ``sosfiltfilt`` and ``decimate``. They
 differ in the padding and in the samples that are retained. To reproduce a published figure, use its convention.
 
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +88,6 @@ def zero_phase_butterworth(
     ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
     function, and the ends of a curved extension with derivatives that are known.
     """
-    from scipy.signal import butter, filtfilt, sosfilt_zi, zpk2sos, zpk2tf
-
     check_order(order)
     if not 0.0 < cutoff_hz < rate_hz / 2.0:
         raise SignalError(
@@ -106,13 +105,9 @@ def zero_phase_butterworth(
     transfer = form == "transfer-function"
     sound = 0.0 < share < 1.0  # the division may have rounded to either
     if sound:
-        # Any, because scipy-stubs know real poles only.
-        design: Any = butter(order, share, output="zpk")
-        if transfer:
-            b, a = zpk2tf(*design)
-        else:
-            sos = np.ascontiguousarray(zpk2sos(*design))
-        sound = poles_survive(design[1], [a] if transfer else sos[:, 3:])
+        design = butterworth(order, share)
+        sos = design.transfer_function() if transfer else design.sections()
+        sound = poles_survive(design.poles, sos[:, sos.shape[1] // 2 :])
     if not sound:
         raise SignalError(
             f"rounding spoils a filter of order {order} at {cutoff_hz:g} Hz, sampled at {rate_hz:g} Hz: move "
@@ -123,11 +118,8 @@ def zero_phase_butterworth(
     if curved and x.shape[0] > CURVATURE_DEGREE + 2:
         x, added = _extended(x, rate_hz / cutoff_hz, padlen)
     inside = slice(added, x.shape[0] - added)
-    if transfer:
-        with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
-            return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))[inside]
     with CoreErrorsAs(SignalError):
-        filtered = _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
+        filtered = _core.filtfilt(x, sos, steady_states(sos), padlen, core_threads())
     return np.ascontiguousarray(filtered[inside])
 
 
@@ -286,6 +278,87 @@ def padding_length(order: int, convention: Convention) -> int:
     return 3 * order if convention == "matlab" else 3 * (order + 1)
 
 
+class LowPass(NamedTuple):
+    """A digital low-pass filter whose zeros are all at -1.
+
+    Attributes
+    ----------
+    poles : ndarray of complex, shape (order,)
+        Its poles.
+    gain : float
+        Factor of its numerator.
+    """
+
+    poles: NDArray[np.complex128]
+    gain: float
+
+    @classmethod
+    def of(cls, poles: NDArray[np.complex128], share: float, gain: float = 1.0) -> LowPass:
+        """Return the bilinear transform of a filter ``gain prod(-p) / prod(s - p)`` with its cut-off at 1 rad/s.
+
+        `share` is the cut-off as a share of the Nyquist frequency.
+        """
+        warped = np.tan(0.5 * np.pi * share) * poles
+        return cls((1.0 + warped) / (1.0 - warped), gain * float(np.real(np.prod(-warped / (1.0 - warped)))))
+
+    def sections(self) -> Array:
+        """Return its sections of second order, (ceil(order / 2), 6): the poles nearest to the unit circle last.
+
+        A single real pole has a section of its own, the first; that has the gain, too.
+        """
+        real = self.poles[np.abs(self.poles.imag) == 0.0].real
+        above = self.poles[self.poles.imag > 0.0]
+        above = above[np.argsort(np.abs(above))]
+        sos = [[1.0, 1.0, 0.0, 1.0, -p, 0.0] for p in real]
+        sos += [[1.0, 2.0, 1.0, 1.0, -2.0 * p.real, p.real**2 + p.imag**2] for p in above]
+        sections = np.array(sos)
+        sections[0, :3] *= self.gain
+        return sections
+
+    def transfer_function(self) -> Array:
+        """Return the filter as one section, (1, 2 order + 2): products of its sections."""
+        b, a = np.zeros((2, len(self.poles) + 1))
+        b[0] = a[0] = 1.0
+        for section in self.sections():
+            for product, factors in ((b, section[:3]), (a, section[3:])):
+                # Not a convolution, whose sums NumPy leaves to BLAS: published figures depend on their last bits.
+                once, twice = np.roll(product, 1), np.roll(product, 2)
+                product[:] = factors[0] * product + factors[1] * once + factors[2] * twice
+        return np.concatenate([b, a])[None, :]
+
+
+def butterworth(order: int, share: float) -> LowPass:
+    """Design a Butterworth filter; `share` is its cut-off (-3 dB) as a share of the Nyquist frequency.
+
+    ``test_signals.py`` compares designs with those of ``scipy.signal``.
+    """
+    return LowPass.of(-np.exp(0.5j * np.pi * np.arange(1 - order, order, 2) / order), share)
+
+
+def chebyshev(order: int, ripple_db: float, share: float) -> LowPass:
+    """Design a Chebyshev filter of type I; the ripple of its passband ends at `share` of the Nyquist frequency.
+
+    ``test_signals.py`` compares designs with those of ``scipy.signal``.
+    """
+    epsilon = np.sqrt(10.0 ** (0.1 * ripple_db) - 1.0)
+    angles = 0.5 * np.pi * np.arange(1 - order, order, 2) / order
+    poles = -np.sinh(np.arcsinh(1.0 / epsilon) / order + 1j * angles)
+    return LowPass.of(poles, share, 1.0 if order % 2 else 1.0 / np.sqrt(1.0 + epsilon**2))
+
+
+def steady_states(sos: Array) -> Array:
+    """Return the states of the sections, (s, order), with which the filter rests at an input of one (transposed direct form II)."""
+    half = sos.shape[1] // 2
+    b, a = sos[:, :half], sos[:, half:]
+    rest = b.sum(axis=1) / a.sum(axis=1)
+    # The states from the last one on: each adds what its coefficients leave of input and output.
+    left = b[:, 1:] - a[:, 1:] * rest[:, None]
+    states = np.cumsum(left[:, ::-1], axis=1)[:, ::-1]
+    # Each section gets what those before it make of one.
+    states[1:] *= np.cumprod(rest)[:-1, None]
+    return np.ascontiguousarray(states)
+
+
 def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[Array]) -> bool:
     """Whether the roots of the rounded coefficients still equal the designed poles."""
     margin = 1.0 - np.abs(poles)
@@ -386,14 +459,11 @@ def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) ->
 @lru_cache(maxsize=64)
 def _decimation_filter(factor: int) -> tuple[Array, Array]:
     """Sections of the filter before a decimation, (4, 6), and their steady states, (4, 2)."""
-    from scipy.signal import cheby1, sosfilt_zi, zpk2sos
-
-    share = DECIMATION_BAND / factor
-    design: Any = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, share, output="zpk")  # likewise
-    sos = np.ascontiguousarray(zpk2sos(*design))
-    if not poles_survive(design[1], sos[:, 3:]):
+    design = chebyshev(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor)
+    sos = design.sections()
+    if not poles_survive(design.poles, sos[:, 3:]):
         raise SignalError(f"rounding spoils the filter of a decimation by {factor}: take several stages")
-    return sos, np.ascontiguousarray(sosfilt_zi(sos))
+    return sos, steady_states(sos)
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:

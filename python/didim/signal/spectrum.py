@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from .._tools.arrays import Array
@@ -20,6 +18,40 @@ SHORTEST_PIECE = 64
 """Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise."""
 BAND = 0.99
 """Share of the velocity's power that lies within its band."""
+
+
+def welch(x: Array, rate_hz: float, size: int, trend: int | None = None) -> tuple[Array, Array]:
+    """Return the mean spectrum of half overlapping pieces under Hann's window (Welch 1967).
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, ...)
+        Signals.
+    rate_hz : float
+        Sampling rate.
+    size : int
+        Number of samples of a piece.
+    trend : int, optional
+        Degree of the polynomial that is taken from each piece, 0 or 1.
+
+    Returns
+    -------
+    f : ndarray, shape (n_frequencies,)
+        Frequencies (Hz).
+    power : ndarray, shape (n_frequencies, ...)
+        One-sided spectral density, in the unit of `x`, squared, per Hz; compared with ``scipy.signal.welch`` in
+        ``test_signals.py``.
+    """
+    pieces = np.lib.stride_tricks.sliding_window_view(x, size, axis=0)[:: size - size // 2]
+    if trend is not None:
+        powers = np.vander(np.linspace(-1.0, 1.0, size), trend + 1)
+        pieces = pieces - pieces @ np.linalg.pinv(powers).T @ powers.T
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size)
+    power = np.mean(np.square(np.abs(np.fft.rfft(pieces * window))), axis=0) / (rate_hz * np.sum(window**2))
+    # Each frequency stands for its negative one too; zero has none, nor has the last one of an even number of samples.
+    power[..., 1 : (size + 1) // 2] *= 2.0
+    f: Array = np.arange(size // 2 + 1) * rate_hz / size
+    return f, np.moveaxis(power, -1, 0)
 
 
 def motion_band(recording: Recording) -> float:
@@ -54,20 +86,16 @@ def contiguous_band(recording: Recording) -> float:
     float
         Largest bandwidth of all joints; 0 for a window that is too short. Tested in ``tests/test_init_filters.py``.
     """
-    from scipy.signal import welch
-
     start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
     size = 2 * (stop - start) // (PIECES + 1)
     if size < SHORTEST_PIECE:
         return 0.0
-    # Any, because scipy-stubs do not know all ways to detrend.
-    options: dict[str, Any] = {"fs": recording.rate_hz, "nperseg": size, "detrend": "linear"}
     band = 0.0
     for joint in range(recording.q.shape[1]):
         steps = np.diff(recording.q[start:stop, joint])
         if not np.ptp(steps) > 0.0:
             continue
-        f, power = welch(steps, **options)
+        f, power = welch(steps, recording.rate_hz, size, trend=1)
         gain = (2.0 * np.sin(np.pi * f / recording.rate_hz)) ** 2
         gain[0] = gain[1]
         noise = gain * float(np.median((power / gain)[3 * len(f) // 4 :]))
@@ -80,8 +108,6 @@ def contiguous_band(recording: Recording) -> float:
 
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     """Return frequencies in Hz and in rad per sample, and the power of a joint's position, less the noise."""
-    from scipy.signal import welch
-
     rate = recording.rate_hz
     size = min([LONGEST_PIECE, *(stop - start for start, stop in recording.windows)])
     if size < 32:
@@ -90,7 +116,7 @@ def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     for start, stop in recording.windows:
         # Spectrum of the differences, because a drift of the position would leak into its whole spectrum.
         steps = np.diff(recording.q[start:stop, joint])
-        f, power = welch(steps, fs=rate, nperseg=size - 1, detrend=False)
+        f, power = welch(steps, rate, size - 1)
         powers.append(power * len(steps))
         lengths.append(len(steps))
     f = f[1:]

@@ -8,31 +8,19 @@ use didim::signal::filter::Stage;
 use didim::signal::observation::{Log, decimate as decimate_columns, observation as observe};
 use didim::signal::text::{Delimiter, parse};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// One filter as Python gives it: sections, their steady states, padding, factor, first kept sample.
 type StageInput<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, usize, usize, usize);
 
-fn stages(given: &[StageInput<'_>]) -> PyResult<Vec<Stage>> {
+fn stages(given: &[StageInput<'_>]) -> Vec<Stage> {
     given
         .iter()
         .map(|(sos, zi, padding, factor, first)| {
-            let (sos, zi) = (sos.as_array(), zi.as_array());
-            if sos.ncols() != 6 || zi.ncols() != 2 {
-                return Err(PyValueError::new_err(format!(
-                    "a filter stage needs sections of 6 and states of 2 numbers, got {} and {}",
-                    sos.ncols(),
-                    zi.ncols()
-                )));
-            }
-            Ok(Stage {
-                sos: sos.rows().into_iter().map(|row| std::array::from_fn(|k| row[k])).collect(),
-                zi: zi.rows().into_iter().map(|row| [row[0], row[1]]).collect(),
-                padding: *padding,
-                factor: *factor,
-                first: *first,
-            })
+            let rows = |given: &PyReadonlyArray2<'_, f64>| -> Vec<Vec<f64>> {
+                given.as_array().rows().into_iter().map(|row| row.to_vec()).collect()
+            };
+            Stage { sos: rows(sos), zi: rows(zi), padding: *padding, factor: *factor, first: *first }
         })
         .collect()
 }
@@ -55,7 +43,7 @@ pub(super) fn observation<'py>(
     let shape = Shape::of("q", &q, robot.0.n_dof())?;
     let (q, dq, ddq) = (shape.take("q", &q)?, shape.take("dq", &dq)?, shape.take("ddq", &ddq)?);
     let load = load.as_ref().map(|load| shape.take("load", load)).transpose()?;
-    let stages = self::stages(&stages)?;
+    let stages = self::stages(&stages);
     let threads = threads.unwrap_or_else(parallel::available_threads);
     let log = Log { q: &q, dq: &dq, ddq: &ddq, load: load.as_deref().unwrap_or_default() };
     let w = py.detach(|| observe(&robot.0, log, &columns, &stages, threads)).map_err(wrong)?;
@@ -74,7 +62,7 @@ pub(super) fn decimate<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let width = signals.as_array().ncols();
     let data = flat("signals", &signals)?;
-    let stages = self::stages(&stages)?;
+    let stages = self::stages(&stages);
     let threads = threads.unwrap_or_else(parallel::available_threads);
     let out = py.detach(|| decimate_columns(&data, width, &stages, threads)).map_err(wrong)?;
     let rows = out.len().checked_div(width).unwrap_or(0);

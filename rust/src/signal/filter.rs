@@ -9,6 +9,8 @@
 //! s2'   = b2 x[k] - a2 y[k]
 //! ```
 //!
+//! A transfer function is one section of higher order, with as many states.
+//!
 //! Both passes start in the steady state of their first sample (`zi`), on a record lengthened at both ends by its own
 //! point reflection (odd extension), as `scipy.signal.sosfiltfilt` does; `tests/test_signals.py` compares the two. The
 //! identities tested here: constants and straight lines pass unchanged, the filter is linear, and lanes do not mix.
@@ -16,13 +18,17 @@
 //! Columns lie `[[f64; L]]`, L side by side: the recursion cannot be vectorised along one column, only across them.
 //! Multiplications and additions stay apart, because a fused one is a library call where the processor has none.
 
+/// Order of a section that stands for a whole transfer function.
+pub const HIGHEST_ORDER: usize = 10;
+
 /// One zero-phase filter, and which of its samples are kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// Second-order sections `[b0, b1, b2, 1, a1, a2]`, in the order in which they are run.
-    pub sos: Vec<[f64; 6]>,
-    /// Steady state of each section for a unit input (`scipy.signal.sosfilt_zi`).
-    pub zi: Vec<[f64; 2]>,
+    /// Second-order sections `[b0, b1, b2, 1, a1, a2]`, in the order in which they are run, or one section of up to
+    /// [`HIGHEST_ORDER`], `[b0, b1, ..., 1, a1, ...]`.
+    pub sos: Vec<Vec<f64>>,
+    /// Steady state of each section for a unit input (`scipy.signal.sosfilt_zi`), as many numbers as its order.
+    pub zi: Vec<Vec<f64>>,
     /// Samples of odd extension at each end.
     pub padding: usize,
     /// Every `factor`-th sample is kept; 1 keeps all.
@@ -70,8 +76,10 @@ pub enum StageError {
         /// Its initial states.
         states: usize,
     },
-    /// A coefficient is NaN or infinite, or a0 is not 1.
-    #[error("section {section} of filter stage {stage} must have finite coefficients and a0 = 1")]
+    /// A coefficient is NaN or infinite, a0 is not 1, or there are more or fewer than those of the orders that are run.
+    #[error(
+        "section {section} of filter stage {stage} must have finite coefficients and a0 = 1, and be of order 2, or alone and of order 1 to 10"
+    )]
     Coefficients {
         /// Stage, counted from 0.
         stage: usize,
@@ -96,8 +104,8 @@ pub struct Workspace<const L: usize> {
     /// Odd extension after the last sample, filtered forward.
     tail: Vec<Row<L>>,
     /// Sections and states of a cascade that is too long for local variables.
-    sections: Vec<Section>,
-    states: Vec<State<L>>,
+    sections: Vec<Section<2>>,
+    states: Vec<State<L, 2>>,
 }
 
 impl<const L: usize> Workspace<L> {
@@ -126,8 +134,10 @@ pub fn check_stages(n_samples: usize, stages: &[Stage]) -> Result<(), StageError
         }
         for (section, (sos, zi)) in stage.sos.iter().zip(&stage.zi).enumerate() {
             let finite = sos.iter().chain(zi).all(|c| c.is_finite());
+            let order = zi.len();
+            let known = order == 2 || (sections == 1 && (1..=HIGHEST_ORDER).contains(&order));
             #[allow(clippy::float_cmp, reason = "a normalised section has exactly 1 there")]
-            if !finite || sos[3] != 1.0 {
+            if !finite || !known || sos.len() != 2 * (order + 1) || sos[order + 1] != 1.0 {
                 return Err(StageError::Coefficients { stage: index, section });
             }
         }
@@ -162,32 +172,40 @@ pub fn zero_phase_lanes<const L: usize>(
     length
 }
 
-/// Coefficients of one section, without a0 = 1.
+/// Coefficients of one section of at most order `N`, without a0 = 1; those of higher orders are zero.
 #[derive(Clone, Copy)]
-struct Section {
-    b: [f64; 3],
-    a: [f64; 2],
-    zi: [f64; 2],
+struct Section<const N: usize> {
+    b0: f64,
+    b: [f64; N],
+    a: [f64; N],
+    zi: [f64; N],
 }
 
-impl Section {
+impl<const N: usize> Section<N> {
     fn new(stage: &Stage, index: usize) -> Self {
-        let [b0, b1, b2, _, a1, a2] = stage.sos[index];
-        Self { b: [b0, b1, b2], a: [a1, a2], zi: stage.zi[index] }
+        let (sos, zi) = (&stage.sos[index], &stage.zi[index]);
+        let own = |from: usize, k: usize| if k < zi.len() { sos[from + k] } else { 0.0 };
+        Self {
+            b0: sos[0],
+            b: std::array::from_fn(|k| own(1, k)),
+            a: std::array::from_fn(|k| own(zi.len() + 2, k)),
+            zi: std::array::from_fn(|k| zi.get(k).copied().unwrap_or(0.0)),
+        }
     }
 }
 
-/// The two delayed sums of one section.
-type State<const L: usize> = [[f64; L]; 2];
+/// The delayed sums of one section.
+type State<const L: usize, const N: usize> = [[f64; L]; N];
 
 /// One stage without its decimation.
 #[inline(always)]
 fn filter_both_ways<const L: usize>(x: &mut [Row<L>], stage: &Stage, workspace: &mut Workspace<L>) {
     match stage.sos.len() {
-        1 => unrolled::<L, 1>(x, stage, &mut workspace.tail),
-        2 => unrolled::<L, 2>(x, stage, &mut workspace.tail),
-        3 => unrolled::<L, 3>(x, stage, &mut workspace.tail),
-        4 => unrolled::<L, 4>(x, stage, &mut workspace.tail),
+        1 if stage.zi[0].len() != 2 => unrolled::<L, 1, HIGHEST_ORDER>(x, stage, &mut workspace.tail),
+        1 => unrolled::<L, 1, 2>(x, stage, &mut workspace.tail),
+        2 => unrolled::<L, 2, 2>(x, stage, &mut workspace.tail),
+        3 => unrolled::<L, 3, 2>(x, stage, &mut workspace.tail),
+        4 => unrolled::<L, 4, 2>(x, stage, &mut workspace.tail),
         n_sections => {
             let Workspace { tail, sections, states } = workspace;
             sections.clear();
@@ -201,18 +219,22 @@ fn filter_both_ways<const L: usize>(x: &mut [Row<L>], stage: &Stage, workspace: 
 
 /// A cascade whose length the compiler knows: its loops unroll and its states stay in registers.
 #[inline(always)]
-fn unrolled<const L: usize, const S: usize>(x: &mut [Row<L>], stage: &Stage, tail: &mut Vec<Row<L>>) {
-    let sections: [Section; S] = std::array::from_fn(|s| Section::new(stage, s));
-    let mut states = [[[0.0; L]; 2]; S];
+fn unrolled<const L: usize, const S: usize, const N: usize>(
+    x: &mut [Row<L>],
+    stage: &Stage,
+    tail: &mut Vec<Row<L>>,
+) {
+    let sections: [Section<N>; S] = std::array::from_fn(|s| Section::new(stage, s));
+    let mut states = [[[0.0; L]; N]; S];
     both_passes(x, &sections, &mut states, stage.padding, tail);
 }
 
 /// Forward over head, record and tail, then backward; the head is never stored, since no kept sample needs it.
 #[inline(always)]
-fn both_passes<const L: usize>(
+fn both_passes<const L: usize, const N: usize>(
     x: &mut [Row<L>],
-    sections: &[Section],
-    states: &mut [State<L>],
+    sections: &[Section<N>],
+    states: &mut [State<L, N>],
     padding: usize,
     tail: &mut Vec<Row<L>>,
 ) {
@@ -248,25 +270,36 @@ fn reflect<const L: usize>(centre: Row<L>, v: Row<L>) -> Row<L> {
 
 /// The steady state of a constant input `v`.
 #[inline(always)]
-fn settle<const L: usize>(states: &mut [State<L>], sections: &[Section], Row(v): Row<L>) {
+fn settle<const L: usize, const N: usize>(
+    states: &mut [State<L, N>],
+    sections: &[Section<N>],
+    Row(v): Row<L>,
+) {
     for (state, section) in states.iter_mut().zip(sections) {
-        for l in 0..L {
-            state[0][l] = section.zi[0] * v[l];
-            state[1][l] = section.zi[1] * v[l];
+        for (sum, zi) in state.iter_mut().zip(section.zi) {
+            for l in 0..L {
+                sum[l] = zi * v[l];
+            }
         }
     }
 }
 
 /// One sample through the whole cascade: the sections of successive samples overlap in the pipeline.
 #[inline(always)]
-fn step<const L: usize>(states: &mut [State<L>], sections: &[Section], Row(mut v): Row<L>) -> Row<L> {
+fn step<const L: usize, const N: usize>(
+    states: &mut [State<L, N>],
+    sections: &[Section<N>],
+    Row(mut v): Row<L>,
+) -> Row<L> {
     for (state, section) in states.iter_mut().zip(sections) {
-        let ([b0, b1, b2], [a1, a2]) = (section.b, section.a);
+        let Section { b0, b, a, .. } = *section;
         for l in 0..L {
             let y = b0 * v[l] + state[0][l];
             // Added in this order, the new state waits for y only twice.
-            state[0][l] = (b1 * v[l] + state[1][l]) - a1 * y;
-            state[1][l] = b2 * v[l] - a2 * y;
+            for k in 0..N - 1 {
+                state[k][l] = (b[k] * v[l] + state[k + 1][l]) - a[k] * y;
+            }
+            state[N - 1][l] = b[N - 1] * v[l] - a[N - 1] * y;
             v[l] = y;
         }
     }

@@ -1,6 +1,6 @@
 //! Zero-phase filters against their definition.
 
-use crate::common::filters::stage;
+use crate::common::filters::{stage, transfer_function};
 use didim::signal::filter::{
     Row, Stage, StageError, Workspace, check_stages, output_length, zero_phase_lanes,
 };
@@ -25,7 +25,8 @@ fn by_definition(x: &[f64], stage: &Stage) -> Vec<f64> {
     let mut v: Vec<f64> = head.chain(x.iter().copied()).chain(tail).collect();
     for _ in 0..2 {
         let start = v[0];
-        for ([b0, b1, b2, _, a1, a2], zi) in stage.sos.iter().zip(&stage.zi) {
+        for (section, zi) in stage.sos.iter().zip(&stage.zi) {
+            let &[b0, b1, b2, _, a1, a2] = section.as_slice() else { panic!("of second order") };
             let (mut s1, mut s2) = (zi[0] * start, zi[1] * start);
             for value in &mut v {
                 let y = b0 * *value + s1;
@@ -53,6 +54,19 @@ proptest! {
         prop_assert_eq!(got.len(), output_length(x.len(), std::slice::from_ref(&stage)));
         for (g, e) in got.iter().zip(&expected) {
             prop_assert!((g[0] - e).abs() < 1e-11, "{} {}", g[0], e);
+        }
+    }
+
+    #[test]
+    fn a_transfer_function_is_the_cascade(
+        x in prop::collection::vec(prop::array::uniform2(-10.0..10.0_f64), 30..80),
+        n_sections in 1_usize..6, padding in 0_usize..29,
+    ) {
+        let sections = stage(n_sections, padding, 2, 1);
+        let (direct, expected) = (run(&x, &[transfer_function(&sections)]), run(&x, &[sections]));
+        prop_assert_eq!(direct.len(), expected.len());
+        for (d, e) in direct.iter().flatten().zip(expected.iter().flatten()) {
+            prop_assert!((d - e).abs() < 1e-7, "{} {}", d, e);
         }
     }
 
@@ -122,6 +136,12 @@ fn impossible_stages_are_told() {
     let mut unscaled = stage(2, 9, 1, 0);
     unscaled.sos[1][3] = 2.0;
     assert!(message(50, unscaled).starts_with("section 1 of filter stage 0"));
+    let mut two = transfer_function(&stage(2, 9, 1, 0));
+    assert!(check_stages(10, std::slice::from_ref(&two)).is_ok());
+    two.sos.push(two.sos[0].clone());
+    two.zi.push(two.zi[0].clone());
+    assert!(message(50, two).ends_with("of order 2, or alone and of order 1 to 10"));
+    assert!(message(50, transfer_function(&stage(6, 9, 1, 0))).starts_with("section 0 of filter stage 0"));
     let second = check_stages(50, &[stage(2, 9, 10, 0), stage(2, 9, 10, 0)]);
     assert_eq!(second, Err(StageError::TooShort { stage: 1, padding: 9, n_samples: 5 }));
 }

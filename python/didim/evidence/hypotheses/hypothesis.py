@@ -130,8 +130,6 @@ def best_factor(
     A parabola through the factors next to 1, or next to the middle one, must fall below `promising` times the errors at 1, or the
     others are not tried. Each local minimum is refined, because that at the true factor may be narrow beside one at small factors.
     """
-    from scipy.optimize import minimize_scalar
-
     known: dict[float, float] = {}
 
     def cost(value: float) -> float:
@@ -151,6 +149,8 @@ def best_factor(
     wanted = promising * cost(factors[one])
     if not min(bottom(one), cost(factors[one - 1]), cost(factors[one + 1])) < wanted:
         return factors[one], False
+    from scipy.optimize import minimize_scalar  # a tenth of a second
+
     costs = [cost(factor) for factor in factors]
     optima = [
         minimize_scalar(
