@@ -709,8 +709,8 @@ def test_columns_of_a_similar_motion_have_the_same_error(factor: float, correcte
 @pytest.mark.parametrize(
     ("plain", "constrained", "found"),
     [
-        (0.10, 0.145, None),
-        (0.10, 0.155, False),
+        (0.10, 0.120, None),
+        (0.10, 0.130, False),
         (0.45, 0.48, None),
         (0.45, 0.52, True),
     ],

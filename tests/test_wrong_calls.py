@@ -84,6 +84,27 @@ def test_all_wrong_calls_are_expected() -> None:
     assert sorted(wrong) == sorted(WRONG)
 
 
+def test_what_no_robot_explains_is_told_and_is_no_load(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The published parameters of the TX40 are no robot's: a fit among robots says so, and its errors are no load's."""
+    example = project / "python" / "didim" / "packaged" / "examples" / "tx40"
+    monkeypatch.chdir(tmp_path)
+    for name, file in (("log", "tx40_simulation"), ("other", "tx40_simulation_other")):
+        main(["simulate", str(example / f"{file}.toml"), "--parameters", "didim", "-o", f"{name}.csv"])
+        main(["init", "tx40", f"{name}.csv", "--plain"])
+        with Path(f"{name}.toml").open("a", encoding="utf-8") as experiment:
+            experiment.write((example / "friction.toml").read_text(encoding="utf-8"))
+    assert main(["identify", "log.toml", "--physical", "--json", "fit.json"]) == 0
+    assert "physical conditions raise the residual from" in capsys.readouterr().out
+    assert main(["validate", "fit.json", "other.toml"]) == 0
+    out = capsys.readouterr().out
+    assert "Verdict: doubtful" in out
+    assert "carries a load" not in out
+    assert main(["identify", "log.toml", "--plain"]) == 0
+    assert "Verdict: sound" in capsys.readouterr().out
+
+
 def test_no_load_has_a_bound_in_the_sentence() -> None:
     std = np.array([1e-3] * 9 + [5e-3])
     ten = np.zeros(10)

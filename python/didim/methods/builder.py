@@ -15,11 +15,13 @@ import numpy as np
 from .._tools.arrays import Array, quotient, ratio
 from .._tools.version import __version__
 from ..evidence.physics import physical_findings
+from ..evidence.torques import contradiction_findings
 from ..evidence.whiteness import whiteness, whiteness_findings
 from ..experiment.experiment import Experiment
 from ..experiment.loop import recordings_of
 from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
+from ..regression.consistent.diagnosis import diagnosis
 from ..regression.fit import Fit
 from ..regression.friction.alarm import Along, friction_alarm, sampling_errors
 from ..regression.logs.drift import Difference, differences, drifts
@@ -222,7 +224,7 @@ def fitted(
     """Build the result of a run that ends with the solution of a system (7); see `identification`.
 
     `beta` are the final parameters, (b,), if they differ from the last solution. `parts` is the motion of the system, if its
-    residual can be tested for missing friction.
+    residual can be tested for missing friction, and along measured motion for what only parameters of no robot explain.
     """
     job, converged = run.job, run.status.converged
     spread = spread_of_fit(system, fit, job.settings, job.model.unknowns)
@@ -237,12 +239,15 @@ def fitted(
     )
     moved = drift_of(job, system, fit) if converged else []
     loads = load_findings(job, system, fit) if converged else []
+    # A simulating method compares the torques along measured motion before it begins.
+    measured = bool(parts) and converged and run.method.motion == "measured"
+    torn = contradiction_findings(diagnosis(fit)) if measured else []
     drift = {"drift": [asdict(difference) for difference in moved]} if moved else {}
     run = replace(
         run,
         settings={"solver": {"name": solver_name(job.solver_choice), **fit.record}, **drift, **run.settings},
         remarks=(*fit.remarks, *run.remarks, *spread.remarks),
-        evidence=(*run.evidence, *lasting, *drift_findings(job, moved), *loads),
+        evidence=(*run.evidence, *torn, *lasting, *drift_findings(job, moved), *loads),
     )
     return identification(
         run,

@@ -48,6 +48,7 @@ from ..thresholds import (
     SIZE_DOUBTFUL,
     SIZE_WRONG,
 )
+from .load import CLEAR_SIGMA
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +203,8 @@ def _explained(rows: LogRows, errors: Errors, *, loaded: bool) -> list[Finding]:
     `loaded` is whether a load is fitted beside the robot already.
     """
     before = _beyond(rows, rows.declared_seen, errors.of_fit)
-    freed = [_friction(rows)] if loaded else [_friction(rows), *_loads(rows)]
+    loads = [] if loaded else [load for load in _loads(rows) if load.carried]
+    freed = [_friction(rows), *loads]
     left = {
         change: _beyond(rows, change.products.seen(), errors.of_fit) for change in freed if change.d <= HINT
     }
@@ -255,6 +257,11 @@ class _Change:
             return None
         place = self.load.index("M") - len(self.load)
         return float(self.judged.beta[place]), float(self.judged.std[place])
+
+    @property
+    def carried(self) -> bool:
+        """Whether the load has a mass, or one that the log does not tell: moments without it are errors of the robot's links."""
+        return self.mass is None or self.mass[0] > CLEAR_SIGMA * self.mass[1]
 
     def finding(self, rows: LogRows) -> Finding:
         """Return the finding of a load, or of friction."""
