@@ -204,7 +204,7 @@ def _explained(rows: LogRows, errors: Errors, *, loaded: bool) -> list[Finding]:
     """
     before = _beyond(rows, rows.declared_seen, errors.of_fit)
     loads = [] if loaded else [load for load in _loads(rows) if load.carried]
-    freed = [_friction(rows), *loads]
+    freed = [_change(rows, rows.knowing(_free_friction(rows))), *loads]
     left = {
         change: _beyond(rows, change.products.seen(), errors.of_fit) for change in freed if change.d <= HINT
     }
@@ -302,10 +302,6 @@ def _free_friction(rows: LogRows) -> Array:
     known = rows.known.copy()
     known[: rows.logs.n_base][free] = np.nan
     return known
-
-
-def _friction(rows: LogRows) -> _Change:
-    return _change(rows, rows.knowing(_free_friction(rows)))
 
 
 def _loads(rows: LogRows) -> list[_Change]:

@@ -317,6 +317,11 @@ def choose_terms(
     state, rivals = last.compared(last.needed(last.chosen(state)))
     moves = last.moves(state)
     trial = settle([move.term for move in moves])
+    # What a search refuses early may be supported beside all laws, their velocities refined.
+    further, found = _beside(trial.model, parts, signal, solve, narrowest, range(robot.n_dof))
+    if found != State():
+        moves += further.moves(found)
+        trial = settle([*trial.robot.friction.terms, *further.screen.terms(found)])
     values = dict(zip(trial.model.unknowns.names, trial.beta, strict=True))
     # Load friction, memory and stiffness below zero would drive the joint.
     chosen = tuple(
@@ -368,18 +373,29 @@ def further_laws(
     FitError
         As `choose_terms` (``test_friction_choice.py``).
     """
-    own = [replace(term, estimated=False) for term in model.own.friction.terms]
-    start = settled(model.with_robot(model.own.with_terms(own)), parts, signal, solve, search=False)
-    pool = pool_of(
-        start.robot, start.model, start.beta, parts, signal, start.system, narrowest_memory(parts, resolved)
-    )
-    residual, some = start.system.residual(start.beta), [one for one in pool if one.term.joint in joints]
-    search = _Search(Screen(start.model, start.system, residual, some, Elsewhere(parts)))
-    search.barred.update(law_at(term) for term in own)
-    found = search.screen.terms(search.needed(search.chosen(State())))
+    search, state = _beside(model, parts, signal, solve, narrowest_memory(parts, resolved), joints)
+    found = search.screen.terms(state)
     return {
         joint: laws for joint in joints if (laws := tuple(term.law for term in found if term.joint == joint))
     }
+
+
+def _beside(  # many parameters: those of further_laws
+    model: Model,
+    parts: Sequence[Window],
+    signal: SignalProcessing,
+    solve: Solve,
+    narrowest: Array,
+    joints: Sequence[int],
+) -> tuple[_Search, State]:
+    """Return the search for further laws at some joints, and what it finds; `narrowest` are the least widths of memory."""
+    own = [replace(term, estimated=False) for term in model.own.friction.terms]
+    start = settled(model.with_robot(model.own.with_terms(own)), parts, signal, solve, search=False)
+    pool = pool_of(start.robot, start.model, start.beta, parts, signal, start.system, narrowest)
+    residual, some = start.system.residual(start.beta), [one for one in pool if one.term.joint in joints]
+    search = _Search(Screen(start.model, start.system, residual, some, Elsewhere(parts)))
+    search.barred.update(law_at(term) for term in own)
+    return search, search.needed(search.chosen(State()))
 
 
 class _Change(NamedTuple):
