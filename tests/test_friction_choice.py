@@ -17,7 +17,7 @@ from didim.errors import FitError
 from didim.experiment.draft_friction import friction_lines
 from didim.methods.friction import FoundFriction
 from didim.methods.job import Job
-from didim.regression.friction import screen
+from didim.regression.friction import choice, screen
 from didim.regression.friction.candidates import joints_without_memory, narrowest_memory, pool_of
 from didim.regression.friction.choice import FrictionChoice, choose_terms, first_fit
 from didim.regression.friction.screen import Elsewhere, Screen, State
@@ -58,6 +58,29 @@ def test_the_terms_of_a_log_are_found_and_no_others() -> None:
     value = dict(zip(fit.names, fit.beta, strict=True))
     assert value["Fl2"] == pytest.approx(0.15, abs=0.05)
     assert any("held-out blocks support the friction terms " in remark for remark in fit.remarks)
+
+
+def test_a_law_that_searches_refused_is_tried_again_beside_all_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = planar(
+        FrictionTerm(law="atan", joint=0, velocity=0.3), FrictionTerm(law="load", joint=1), dead_zone=0.02
+    )
+    x = parameters(robot, Fa1=2.0, Fl2=0.15)
+    experiment = replace(log(robot, x, noise=0.1), robot=planar(dead_zone=0.02))
+    made: list[Screen] = []
+    begin = choice._Search.__init__
+
+    def refusing(self: choice._Search, screen: Screen) -> None:
+        begin(self, screen)
+        made.append(screen)
+        if len(made) <= 2:
+            self.barred.add((1, "load"))
+
+    monkeypatch.setattr(choice._Search, "__init__", refusing)
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    assert len(made) == 3
+    assert {"Fa1", "Fl2"} <= {item["parameter"] for item in fit.settings["friction"]["chosen"]}
 
 
 def test_a_log_without_further_friction_keeps_its_terms() -> None:
