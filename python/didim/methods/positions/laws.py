@@ -221,15 +221,20 @@ def _promised(
 
 def without_pushes(now: Search, options: dict[str, Any]) -> Search:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
-    first, roughly = now, {**options, "tolerance": ROUGH, "exact": False}
+    exact, roughly = not now.problem.sticks, {**options, "tolerance": ROUGH, "exact": False}
     for _ in range(MOST_ROUNDS):
+        if now.status is Status.STOPPED:
+            return now
         more = _pushed(now.problem, now.errors, STRONGEST) if now.status.converged else []
         more = [stop for stop in more if not _of_friction(now, stop)]
-        before, now = now, _without(now, [*now.problem.pushed, *more], roughly) if more else now
-        if now is before:
-            break
-    settled = now is first and not now.problem.sticks
-    return now if settled or now.status is Status.STOPPED else search(now, **options)
+        rest = _without(now, [*now.problem.pushed, *more], roughly) if more else now
+        if rest is not now:
+            now, exact = rest, False
+        elif exact:
+            return now
+        else:  # weaker pushes show at the estimate itself
+            now, exact = search(now, **options), True
+    return now if exact or now.status is Status.STOPPED else search(now, **options)
 
 
 def _of_friction(now: Search, stop: Stop) -> bool:

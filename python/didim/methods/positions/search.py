@@ -116,6 +116,22 @@ class Search:
             blocks.append(j + np.outer(e - before - j @ s, weight / size) if size > 0.0 else j)
         self.blocks, self.fresh = blocks, False
 
+    def blocks_in(self, problem: Problem) -> list[Array] | None:
+        """Return the derivatives in the rows of a problem of the same unknowns; None unless all of its rows are there."""
+        blocks = []
+        for rollout in problem.rollouts:
+            begin, size = rollout.window.begin, len(rollout.joints)
+            for other, block in zip(self.problem.rollouts, self.blocks, strict=True):
+                first = begin + rollout.first - other.window.begin - other.first
+                last = begin + len(rollout.q) - other.window.begin - other.first
+                same = (rollout.recording, rollout.joints) == (other.recording, other.joints)
+                if same and first >= 0 and last * size <= len(block):
+                    blocks.append(block[first * size : last * size])
+                    break
+            else:
+                return None
+        return blocks
+
     def used(self, a: Array) -> NDArray[np.intp]:
         """Return the estimated columns that move the robot, by a normal matrix."""
         return np.flatnonzero(self.free & (np.diag(a) > 0.0))
@@ -140,7 +156,7 @@ def begun(
         Where the robot cannot be simulated there.
     """
     theta = problem.start if theta is None else theta
-    old = None if before is None or not kept else _rows_of(before, problem)
+    old = None if before is None or not kept else before.blocks_in(problem)
     if old is not None:
         errors, blocks = problem.errors(theta), old
     elif before is None or not screening:
@@ -157,23 +173,6 @@ def begun(
     if before is not None:
         now.initial, now.history, now.held = before.initial, before.history, dict(before.held)
     return now
-
-
-def _rows_of(before: Search, problem: Problem) -> list[Array] | None:
-    """Return the derivatives of an earlier search in the rows of a problem of the same unknowns; None unless it has all of them."""
-    blocks = []
-    for rollout in problem.rollouts:
-        begin, size = rollout.window.begin, len(rollout.joints)
-        for other, block in zip(before.problem.rollouts, before.blocks, strict=True):
-            first = begin + rollout.first - other.window.begin - other.first
-            last = begin + len(rollout.q) - other.window.begin - other.first
-            same = (rollout.recording, rollout.joints) == (other.recording, other.joints)
-            if same and first >= 0 and last * size <= len(block):
-                blocks.append(block[first * size : last * size])
-                break
-        else:
-            return None
-    return blocks
 
 
 def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exact: bool = True) -> Search:
