@@ -1,6 +1,6 @@
 """Are the reported standard deviations right, and does every start end at the same parameters?
 
-    python benches/calibration.py [--seeds 100] [--starts 20] [--json FILE]
+    python benches/calibration.py [--seeds 100] [--starts 20]
     python benches/calibration.py --methods cloe --seeds 20 --starts 0 --workers 2
     python benches/calibration.py --methods idim-ls --seeds 40 --starts 0 --cutoff-hz 60
     python benches/calibration.py --methods didim cloe --seeds 10 --starts 0 --friction
@@ -17,11 +17,9 @@ from __future__ import annotations
 
 import argparse
 import functools
-import json
 import math
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +150,6 @@ def main() -> None:
     parser.add_argument(
         "--workers", type=int, default=1, help="processes for the seeds (default: %(default)s)"
     )
-    parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
     log, truth = clean_log(arguments.cutoff_hz, arguments.friction)
@@ -198,7 +195,7 @@ def main() -> None:
             f"{min(found)} to {max(found)}      {np.median(took):.2f}, {max(took):.2f}"
         )
     if arguments.starts == 0:
-        return write(arguments.json, {"iterations": iterations, "seconds": seconds, "off": off})
+        return
 
     noisy = measured(log, None)
     reference = didim.identify(noisy, didim.DIDIM(physical=False))
@@ -213,13 +210,6 @@ def main() -> None:
         f"\n(21), IDIM-LS and {arguments.starts} random starts: {min(counts)} to {max(counts)} iterations, all within "
         f"{max(apart):.2g} sigma of the estimate from (17)"
     )
-    record = {"iterations": iterations, "seconds": seconds, "off": off}
-    return write(arguments.json, {**record, "starts_apart": apart, "starts_iterations": counts})
-
-
-def write(path: Path | None, record: dict[str, object]) -> None:
-    if path is not None:
-        path.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -33,12 +33,10 @@ from didim.cli.main import main as didim_command
 from didim.plot.style import CYCLE, MEASURED, MODEL, new_figure, plain_ticks, styled
 from didim.regression.friction.choice import choose_terms
 from didim.regression.friction.velocity import settled
-from didim.regression.least_squares import solve
 from didim.result.iteration import Reporter
-from didim.signal.noise import encoder_step
+from didim.signal.noise import coarsest_steps
 from didim.signal.processing import SignalProcessing
 from didim.terms.model import Model, torques
-from didim.terms.rows import LinearSystem
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
@@ -75,17 +73,17 @@ def fitted(experiment: didim.Experiment, auto: bool) -> tuple[didim.Robot, Array
     job = didim.IDIMLS().job(experiment)
     parts = job.parts("fit", job.delay())
 
-    def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, replace(job.settings, uncertainty="white"))
-        return fit.solution, fit.weights
-
     robot = experiment.robot
     if auto:
-        steps = [encoder_step(one.measured_positions()) for one in experiment.recordings if one.role == "fit"]
-        choice = choose_terms(job.model, parts, job.signal, solved, np.max(steps, axis=0))
+        steps = coarsest_steps(one.measured_positions() for one in experiment.recordings if one.role == "fit")
+        choice = choose_terms(job.model, parts, job.signal, job.estimate, steps)
         robot = robot.with_terms(choice.friction.terms)
-    found = settled(job.model.with_robot(robot), parts, job.signal, solved)
-    return found.robot, found.beta, " ".join(term.parameter for term in found.robot.friction.terms)
+    found = settled(job.model.with_robot(robot), parts, job.signal, job.estimate)
+    beta = found.beta
+    if auto:  # among robots, as a fit with chosen laws is solved
+        job = didim.IDIMLS(physical=True).job(replace(experiment, robot=found.robot))
+        beta = job.model.unknowns.expand(job.solve(found.system).solution)
+    return found.robot, beta, " ".join(term.parameter for term in found.robot.friction.terms)
 
 
 def errors(
@@ -152,11 +150,12 @@ def ur10e(data: Path, name: str) -> didim.Experiment:
     )
 
 
-def initialised(robot: str, files: list[Path], options: list[str]) -> didim.Experiment:
-    """Return the experiment that `didim init` makes of a log."""
+def initialised(robot: str, files: list[Path], options: list[str], plain: bool = True) -> didim.Experiment:
+    """Return the experiment that `didim init` makes of a log, without friction laws where it is `plain`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.toml"
-        didim_command(["init", robot, *map(str, files), *options, "--plain", "-o", str(path)])
+        options = [*options, *(["--plain"] if plain else []), "-o", str(path)]
+        didim_command(["init", robot, *map(str, files), *options])
         return didim.load_experiment(path)
 
 

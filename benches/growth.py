@@ -1,8 +1,8 @@
 """How the cost grows: with samples, joints, candidates and threads.
 
-    python benches/growth.py [--json FILE] [--plot FILE.svg]
+    python benches/growth.py [--json FILE]
 
-needs ``pip install didim[test,plot]`` (the random robots are those of the tests, --plot wants matplotlib). Each curve is
+needs ``pip install didim[test]`` (the random robots are those of the tests). Each curve is
 measured in alternating rounds over all of its sizes. The exponent is the slope of log(smallest time) over log(size), fitted
 to the larger half of the sizes: below, what a call costs at all hides it. One thread, unless threads are what is counted.
 """
@@ -56,9 +56,6 @@ JOINTS = tuple(range(1, 13))
 CANDIDATES = (1, 4, 10, 40, 100, 400, 1000, 4000, 10_000)
 SHORT_S = 0.1
 """Simulated time where candidates are counted."""
-HEADROOM = 8.0
-"""Room for the names above the curves of the figure."""
-TICKS = {"joints": [1, 2, 3, 4, 6, 9, 12], "legs": [1, 2, 3, 4], "threads": [1, 2]}
 LEGS = (1, 2, 3, 4)
 LEG_SAMPLES = 500
 """Rows of each joint where legs are counted."""
@@ -109,7 +106,6 @@ def main() -> int:
     """Print exponents."""
     parser = argparse.ArgumentParser(description="Measure how the cost grows.")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write all times as JSON")
-    parser.add_argument("--plot", metavar="FILE", type=Path, help="also draw them")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="one round over the smallest three sizes")
     arguments = parser.parse_args()
@@ -126,8 +122,6 @@ def main() -> int:
         arguments.json.write_text(
             json.dumps({"threads": THREADS, "curves": content}, indent=2) + "\n", encoding="utf-8"
         )
-    if arguments.plot is not None:
-        plot(measured, arguments.plot)
     return 0
 
 
@@ -390,44 +384,6 @@ def record(curve: Curve, figures: Mapping[int, Figures]) -> dict[str, Any]:
         "median_s": [figure.median for figure in figures.values()],
         "rounds_s": [figure.rounds for figure in figures.values()],
     }
-
-
-def plot(measured: list[tuple[Curve, dict[int, Figures]]], file: Path) -> None:
-    """Draw the curves, a panel per thing that is counted."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "growth"}
-    from matplotlib import pyplot
-
-    panels = [
-        (title, [(curve, figures) for curve, figures in measured if curve.over.startswith(title)])
-        for title in ("seconds", "joints", "legs", "candidates", "threads")
-    ]
-    figure, axes = pyplot.subplots(1, len(panels), figsize=(16.0, 3.4), layout="constrained")
-    for axis, (title, curves) in zip(axes, panels, strict=True):
-        for curve, figures in curves:
-            sizes = list(figures)
-            power = exponent(figures)
-            label = curve.name if power is None else f"{curve.name}: exponent {power:.2f}"
-            (line,) = axis.plot(sizes, [figures[size].smallest for size in sizes], marker=".", label=label)
-            spread = ([figures[size].smallest for size in sizes], [figures[size].median for size in sizes])
-            axis.fill_between(sizes, *spread, color=line.get_color(), alpha=0.2, linewidth=0.0)
-        if title == "threads":
-            axis.set_ylim(bottom=0.0)
-        else:
-            axis.set_xscale("log")
-            axis.set_yscale("log")
-            axis.set_ylim(top=HEADROOM * axis.get_ylim()[1])
-        if title in TICKS:
-            axis.set_xticks(TICKS[title], [str(tick) for tick in TICKS[title]])
-            axis.minorticks_off()
-        axis.set_xlabel(f"{title} of log or motion, 1 kHz" if title == "seconds" else title)
-        axis.legend(fontsize=6, frameon=False, loc="lower right" if title == "threads" else "upper left")
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel("s, smallest to median")
-    figure.savefig(file, metadata={"Date": None} if file.suffix == ".svg" else None)
-    pyplot.close(figure)
 
 
 if __name__ == "__main__":

@@ -86,10 +86,10 @@ def counted_before(revision: str) -> Counter[str]:
 
 
 CEILINGS = {
-    "files": 389,
+    "files": 386,
     "imports, share of the lines of code (%)": 10.8,
-    "constants that are numbers": 690,
-    "private functions that one place calls": 575,
+    "constants that are numbers": 684,
+    "private functions that one place calls": 566,
     "settings of results read as a table": 33,
     "branches on the law of a friction term outside terms/": 87,
 }

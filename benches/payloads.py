@@ -1,10 +1,10 @@
 """Currents, payloads and several logs: bias and calibration over seeds, real logs, and the observer.
 
-    python benches/payloads.py [--data ../shared/data] [--seeds 40] [--only gains tx40 logs payload push emps ur10e]
+    python benches/payloads.py [--data ../shared/data] [--seeds 40] [--only gains tx40 payload push ur10e]
 
 gains, tx40: drive gains of a simulated UR5e (and of a TX40 with its coupled wrist, motor side) from two motions, one with a load of
-which only the mass is known: maximum likelihood, ordinary and total least squares. logs: four logs with their own offsets and one
-payload. payload, push: `didim payload` and `didim residual` on simulated logs. emps: the EMPS log in two parts. ur10e: a real pair.
+which only the mass is known, by maximum likelihood.
+payload, push: `didim payload` and `didim residual` on simulated logs. ur10e: a real pair.
 """
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from classical_gains import classical_gains
 from numpy.typing import NDArray
 
 import didim
 from didim.log.recording import Recording
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
-from didim.regression.least_squares import solve
-from didim.regression.logs.drift import differences, drifts
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
@@ -100,13 +97,12 @@ def two_logs(robot: Robot, x: Array, drives: Array, speed: float = 1.0) -> tuple
 def gains_study(
     name: str, robot: Robot, x: Array, drives: Array, gains: Array, noise: Array, seeds: int, speed: float
 ) -> None:
-    """Bias and calibration of three estimates of drive gains."""
+    """Bias and calibration of drive gains by maximum likelihood."""
     system, _, theta = two_logs(robot, x, drives, speed)
     n = robot.n_dof
     torque = system.measured.reshape(n, -1)
     motor = np.linalg.inv(drives).T @ torque
-    found: dict[str, list[Array]] = {"maximum likelihood": [], "ols": [], "tls": []}
-    scores, sigma, moved = [], [], 0.0
+    found, scores, sigma, moved = [], [], [], 0.0
     truth = np.concatenate([theta, gains])
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -119,26 +115,23 @@ def gains_study(
         std = np.sqrt(np.diag(fit.fit.covariance))
         scores.append((fit.fit.solution - truth) / std)
         sigma.append(std[-n:])
-        found["maximum likelihood"].append(fit.gains)
-        for kind in ("ols", "tls"):
-            found[kind].append(classical_gains(noisy, drives, kind, noise)[0])
+        found.append(fit.gains)
         if seed == 0:
             print(
                 f"{name}: {expected_sentence(expected_percent(noisy, drives))}; {fit.iterations} iterations"
             )
     row = "".join
     print(f"{'true':20}", row(f"{value:10.4g}" for value in gains))
-    for kind, values in found.items():
-        many = np.array(values)
-        print(f"{kind + ', mean':20}", row(f"{value:10.4g}" for value in many.mean(axis=0)))
-        print(f"{'spread':20}", row(f"{value:10.3g}" for value in many.std(axis=0)))
+    many = np.array(found)
+    print(f"{'mean':20}", row(f"{value:10.4g}" for value in many.mean(axis=0)))
+    print(f"{'spread':20}", row(f"{value:10.3g}" for value in many.std(axis=0)))
     print(f"{'its sigma':20}", row(f"{value:10.3g}" for value in np.mean(sigma, axis=0)))
     score = np.array(scores)
     for title, part in (("gains", score[:, -n:]), ("all parameters", score)):
         print(
             f"error/sigma of {title}: rms {np.sqrt(np.mean(part**2)):.3f}, within 1.96: {100 * np.mean(np.abs(part) < 1.96):.1f} %"
         )
-    bias = np.array(found["maximum likelihood"]).mean(axis=0) - gains
+    bias = many.mean(axis=0) - gains
     print(f"mean error over its own sigma: {np.round(bias / np.mean(sigma, axis=0) * np.sqrt(seeds), 2)}")
     print(f"starting gains 30 % off move them by {moved:.1e}")
 
@@ -244,88 +237,6 @@ def payload(options: argparse.Namespace) -> None:
     )
 
 
-OFFSETS = (
-    (),
-    (0.8, -0.6, 0.4, 0.2, -0.1, 0.1),
-    (-0.5, 0.3, 0.5, -0.2, 0.15, 0.0),
-    (0.3, 0.9, -0.4, 0.1, 0.1, -0.2),
-)
-"""Offsets of the second, third and fourth log, less those of the first (N.m)."""
-
-
-def logs(options: argparse.Namespace) -> None:
-    """Four logs of a UR5e with their own offsets, two of them with a payload: calibration, and the report of shared offsets."""
-    robot, x = ur5e(options.data)
-    loaded = x + last_link(robot, flange_in_last_frame(robot)) @ LOAD
-    payloads = {"load": Payload(name="load")}
-    items, parts = [], []
-    for number, offsets in enumerate(OFFSETS):
-        values = (loaded if number in (1, 2) else x).copy()
-        for joint, offset in enumerate(offsets):
-            values[robot.parameter_names.index(f"Off{joint + 1}")] += offset
-        q, dq, ddq = motion(number + 1)
-        tau = didim.inverse_dynamics(robot, q, dq, ddq, values)
-        item = Recording.from_arrays(q, tau, rate_hz=40.0, name=f"log {number + 1}")
-        items.append(replace(item, payload="load" if number in (1, 2) else "none", own=("offsets",)))
-        parts.append(
-            Window(
-                name=item.name, place=item.name, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number
-            )
-        )
-    own = model_of(robot, items, payloads)
-    shared = model_of(robot, [replace(item, own=()) for item in items], payloads)
-    system, without = (parameters.rows(parts, SIGNAL) for parameters in (own, shared))
-    truth = np.concatenate([robot.base_parameters.project(x), LOAD, *OFFSETS[1:]])
-    scores, reported, false_alarms, sentence = [], 0, 0, ""
-    names = [item.name for item in items]
-    for seed in range(options.seeds):
-        noise = (
-            np.random.default_rng(seed).standard_normal((6, system.y.size // 6))
-            * np.array(TORQUE_NOISE)[:, None]
-        )
-        noisy = replace(system, y=system.y + noise.ravel())
-        fit = solve(noisy, WHITE)
-        scores.append((fit.solution - truth) / np.sqrt(np.diag(fit.covariance)))
-        left_out = replace(without, y=without.y + noise.ravel())
-        found = drifts(differences(left_out, solve(left_out, WHITE), "offset"), names)
-        reported += bool(found)
-        sentence = sentence or "".join(f"largest: {item.worst}" for item in found)
-        steady = replace(without, y=without.w @ truth[: without.w.shape[1]] + noise.ravel())
-        false_alarms += bool(drifts(differences(steady, solve(steady, WHITE), "offset"), names))
-    score = np.array(scores)
-    print(
-        f"error/sigma of {score.shape[1]} parameters, {options.seeds} seeds: rms {np.sqrt(np.mean(score**2)):.3f}, within 1.96: "
-        f"{100 * np.mean(np.abs(score) < 1.96):.1f} %; payload {np.sqrt(np.mean(score[:, -28:-18] ** 2)):.3f}, own offsets "
-        f"{np.sqrt(np.mean(score[:, -18:] ** 2)):.3f}"
-    )
-    print(f"own offsets left out: reported in {reported} of {options.seeds}; without drift in {false_alarms}")
-    print(sentence)
-
-
-def emps(options: argparse.Namespace) -> None:
-    """Split the EMPS log in two where it rests, everything shared."""
-    file = Path(__file__).resolve().parents[1] / "examples" / "emps.toml"
-    experiment = didim.load_experiment(file, data=options.data / "emps")
-    (item,) = experiment.recordings
-    whole = didim.identify(experiment, didim.IDIMLS())
-    halves = [
-        replace(
-            item,
-            name=f"part {number}",
-            **{key: getattr(item, key)[rows] for key in ("t", "q", "tau", "q_ref")},
-            windows=(),
-        )
-        for number, rows in enumerate((slice(0, 12069), slice(12069, None)), start=1)
-    ]
-    split = didim.identify(replace(experiment, recordings=tuple(halves)), didim.IDIMLS())
-    for title, fit in (("one log", whole), ("two logs", split)):
-        shown = "  ".join(
-            f"{name} {value:.4f} +- {std:.4f}"
-            for name, value, std in zip(fit.names, fit.beta, fit.std, strict=True)
-        )
-        print(f"{title}: {shown}; {fit.n_rows} rows, relative error {100 * fit.overall_relative_error:.4f} %")
-
-
 def ur10e(options: argparse.Namespace) -> None:
     """Weigh the load of a real pair: gains, centre, and the mass with gains given."""
     file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
@@ -390,8 +301,6 @@ STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {
     "tx40": wrist,
     "payload": payload,
     "push": push,
-    "logs": logs,
-    "emps": emps,
     "ur10e": ur10e,
 }
 

@@ -1,12 +1,17 @@
 """A hobby arm whose truth MuJoCo simulates, logged as data sets of positions are: how near CLOE comes, and how sure it is.
 
     python benches/positions.py [--seeds 3] [--step 1e-4]
+    python benches/positions.py --fleet 20
     python benches/positions.py --quadruped FOLDER
 
 needs the package mujoco. Six position actuators with armature, damping, frictionloss, gains, a torque limit of 3.35 N.m and a
 delay of 15 ms follow smooth moves and, a third of the time, steps that saturate; 60 s at 50 Hz are logged, to 0.088 degrees.
 Printed are, kind by kind, the errors of the estimates (rms and largest, in per cent of the truth), the share of the truth inside
 the 95 % intervals, and processor seconds.
+
+A fleet has armature, damping and frictionloss of its own in each arm, drawn from known spreads; one fit has a log of half of its
+arms. Printed is how much of another motion of the others lies between the 5 and 95 % of 200 draws of that fit, and between all of
+them, to half a count of the encoder. A third of it is tried in ``tests/test_samples.py``.
 """
 
 from __future__ import annotations
@@ -44,6 +49,58 @@ BODIES = (  # name, position, axis, mass, centre, principal inertias
 )
 
 
+SPREAD = {"Ia": 0.15, "Fv": 0.15, "Fc": 0.2, "kp": 0.0, "kv": 0.0}
+"""Standard deviations of the arms of a fleet, as shares of the mean."""
+
+
+def fleet(
+    folder: Path, arms: int, seconds: float, draws: int
+) -> tuple[didim.Identification, list[dict[str, np.ndarray]], np.ndarray]:
+    """Fit half of a fleet, and return the fit, the truth of these arms, and how much of the others' motion is within its draws.
+
+    The shares are those between 5 and 95 % and between all, (n_arms // 2, 2, 6).
+    """
+    random, mean = (
+        np.random.default_rng(5),
+        {kind: np.full(6, values.mean()) for kind, values in truth().items()},
+    )
+    every = [
+        {kind: mean[kind] * (1.0 + SPREAD[kind] * random.standard_normal(6)) for kind in KINDS}
+        for _ in range(arms)
+    ]
+    known, others = every[: arms // 2], every[arms // 2 :]
+    text, recording = EXPERIMENT.split("[[recording]]")[0], ""
+    for kind, guess in (("kp", "15.0"), ("kv", "0.8")):
+        text = text.replace(f"{kind} = {guess}", f"{kind} = {mean[kind][0]}").replace(
+            f"{kind} = {{ start = {guess} }}\n", ""
+        )
+    for k, p in enumerate(known):
+        r = commands(k, seconds)
+        np.savez(folder / f"log{k}.npz", q=simulated(p, r, 5e-4), r=r)
+        recording += f'[[recording]]\nname = "log{k}"\nrate_hz = 50\n' + recorded(f"log{k}.npz", "q", "r")
+    (folder / "arm.toml").write_text(text + recording)
+    (folder / "arm.xml").write_text(mjcf(mean))
+    fit = didim.identify(didim.load_experiment(folder / "arm.toml"), CLOE(threads=1), verbose=False)
+    samples, r = fit.samples(draws), commands(99, seconds)
+    values = {kind: samples.values[:, np.array(samples.kinds) == kind] for kind in (*KINDS, "delay_s")}
+    drawn = [
+        simulated(
+            {kind: values[kind][k] if values[kind].size else mean[kind] for kind in KINDS},
+            r,
+            5e-4,
+            float(values["delay_s"][k, 0]),
+            0.0,
+        )
+        for k in range(draws)
+    ]
+    low, high = np.percentile(drawn, [5, 95], axis=0), (np.min(drawn, axis=0), np.max(drawn, axis=0))
+    shares = []
+    for p in others:
+        q = simulated(p, r, 5e-4)
+        shares.append([(np.abs(q - np.clip(q, *band)) <= 0.5 * QUANTUM).mean(axis=0) for band in (low, high)])
+    return fit, known, np.array(shares)
+
+
 def truth() -> dict[str, np.ndarray]:
     """Parameters of the drives by kind, (6,) each."""
     spread = np.random.default_rng(1).uniform(0.8, 1.25, (5, 6))
@@ -65,32 +122,34 @@ def mjcf(p: dict[str, np.ndarray]) -> str:
     return f"<mujoco><worldbody>{opened}{closed}</worldbody><actuator>{actuators}</actuator></mujoco>"
 
 
-def commands(seed: int) -> np.ndarray:
+def commands(seed: int, seconds: float = SECONDS) -> np.ndarray:
     """Smooth moves, and steps in a third of the log, (n, 6)."""
     rng = np.random.default_rng(seed)
-    t = np.arange(int(SECONDS * RATE_HZ)) / RATE_HZ
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
     f = rng.uniform(0.1, 1.5, (12, 6))
     phase = rng.uniform(0.0, 2.0 * np.pi, (12, 1, 6))
     smooth = 0.5 * (np.sin(2.0 * np.pi * f[:, None] * t[:, None] + phase) * 0.25 / np.sqrt(f[:, None])).sum(
         axis=0
     )
-    steps = np.repeat(rng.uniform(-0.35, 0.35, (int(SECONDS), 6)), int(RATE_HZ), axis=0)
+    steps = np.repeat(rng.uniform(-0.35, 0.35, (int(seconds), 6)), int(RATE_HZ), axis=0)
     r = np.where((t % 15.0 < 5.0)[:, None], steps, smooth)
     r[:25] = 0.0
     return r
 
 
-def simulated(p: dict[str, np.ndarray], r: np.ndarray, step: float) -> np.ndarray:
+def simulated(
+    p: dict[str, np.ndarray], r: np.ndarray, step: float, delay_s: float = DELAY_S, quantum: float = QUANTUM
+) -> np.ndarray:
     """Measured positions by MuJoCo, (n, 6)."""
     model = mujoco.MjModel.from_xml_string(mjcf(p))
     model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     per_sample = round(1.0 / (RATE_HZ * step))
-    late = np.arange(len(r) * per_sample) * step - DELAY_S
+    late = np.arange(len(r) * per_sample) * step - delay_s
     commanded = r[np.floor(late * RATE_HZ + 1e-9).astype(int).clip(0)]
     start = np.zeros((1, 1 + 2 * r.shape[1]))
     states, _ = rollout.rollout([model], [mujoco.MjData(model)], start, commanded[None])
     out = np.vstack([np.zeros(6), states[0, per_sample - 1 : -1 : per_sample, 1:7]])
-    return np.asarray(np.round(out / QUANTUM) * QUANTUM)
+    return np.asarray(np.round(out / quantum) * quantum if quantum else out)
 
 
 EXPERIMENT = """
@@ -318,11 +377,29 @@ def rms(values: object) -> float:
     return float(np.sqrt(np.mean(np.square(np.array(values, dtype=float)))))
 
 
+def print_fleet(fit: didim.Identification, arms: list[dict[str, np.ndarray]], shares: np.ndarray) -> None:
+    """Print the spread between logs by the fit beside that of the arms that were fitted, and the shares within the draws."""
+    samples = fit.samples(100)
+    for kind in ("Ia", "Fv", "Fc"):
+        true = np.array([p[kind] for p in arms])
+        ratio = samples.runs[np.array(samples.kinds) == kind] / true.std(axis=0, ddof=1)
+        print(
+            f"{kind}: spread between logs over that of the {len(arms)} arms {np.array2string(ratio, precision=2)}"
+        )
+    within, all_of = shares.mean(axis=(0, 2))
+    whole = (shares[:, 1] == 1.0).mean()
+    print(
+        f"{len(shares)} other arms, another motion: {100 * within:.1f} % of the samples between 5 and 95 % of the draws, "
+        f"{100 * all_of:.1f} % between all of them; {100 * whole:.1f} % of the joints' rollouts entirely"
+    )
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--step", type=float, default=1e-4, help="step of the truth (s)")
+    parser.add_argument("--fleet", type=int, metavar="ARMS", help="a fleet of so many arms beside its draws")
     parser.add_argument(
         "--quadruped",
         type=Path,
@@ -332,6 +409,10 @@ def main() -> None:
     options = parser.parse_args()
     if options.quadruped is not None:
         quadruped(options.quadruped)
+        return
+    if options.fleet is not None:
+        with tempfile.TemporaryDirectory() as name:
+            print_fleet(*fleet(Path(name), options.fleet, 20.0, 200))
         return
     p = truth()
     errors: dict[str, list[float]] = {}

@@ -1,11 +1,13 @@
 """What does the verdict say of real logs that nothing is wrong with?
 
-    python benches/real_verdicts.py DATA [--logs WORD ...] [--method idim-ls|physical|didim|cloe] [--varied]
+    python benches/real_verdicts.py DATA [--logs WORD ...] [--method idim-ls|physical|didim|cloe] [--varied | --first]
     python benches/real_verdicts.py --picture
 
 prints a row for each public log in DATA: what the model misses, state, reasons, and what the result is good for. With
 ``--varied`` the logs are cut in halves and thirds, thinned, filtered otherwise, exchanged as fit and held-out recording, and given
-another friction: they are as good as the logs themselves, so that no cause may be named on any. docs/verdict.md has the table.
+another friction: they are as good as the logs themselves, so that no cause may be named on any. With ``--first`` the files are
+those that ``didim init`` writes, with its laws, unedited, and each log predicts a third of itself from the others by the laws that
+these choose: the error promised for control, and that met. docs/verdict.md has the tables.
 With ``--picture`` it makes the picture of that page from simulated logs.
 """
 
@@ -32,11 +34,12 @@ from didim.evidence.rows import LogRows
 from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
 from didim.methods.method import Method
+from didim.robot.friction import Friction
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from friction_held_out import initialised, kr300, unisa, ur10e
+from friction_held_out import UR10E_GAINS, initialised, kr300, unisa, ur10e
 from positions import QUADRUPED
 
 from arm import arm_log
@@ -78,6 +81,46 @@ def logs(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
         "KR300, B where it moves": lambda: alone(kr300(data), 1),
         "Go2, legs by positions": lambda: quadruped(data / "go2"),
     }
+
+
+def first_fits(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
+    """Return the real logs by name, as ``didim init`` writes them."""
+    gains = ["--gain", *(str(gain) for gain in UR10E_GAINS), "--columns", "current=14-19"]
+    bag = data / "unisa"
+    commands = {
+        "TX40": (
+            "tx40",
+            [data / f"tx40/motor_{what}.csv" for what in ("position", "torque")],
+            ["--rate", "5000"],
+        ),
+        "EMPS": ("emps", [data / "emps/DATA_EMPS.mat"], []),
+        "UR10e without load": ("ur10e", [data / "ur10e/free.csv"], gains),
+        "UR10e with load": ("ur10e", [data / "ur10e/loaded.csv"], gains),
+        "UR10, exciting motion": ("ur10", [bag / "ur10_exciting.db3"], []),
+        "UR10, validation motion": ("ur10", [bag / "ur10_validation.db3"], []),
+        "UR10, both motions": ("ur10", [bag / "ur10_exciting.db3", bag / "ur10_validation.db3"], []),
+        "Panda": ("panda", [bag / "panda_exciting.db3"], []),
+        "TIAGo": (
+            str(data / "tiago/tiago_48_hey5.urdf"),
+            [data / f"tiago/tiago_{what}.csv" for what in ("position", "velocity", "effort")],
+            [],
+        ),
+    }
+    return {name: partial(initialised, *command, plain=False) for name, command in commands.items()}
+
+
+def thirds(experiment: didim.Experiment) -> Iterator[tuple[float, float]]:
+    """Yield the error that two thirds of the first recording promise for control, and what they miss of the other one."""
+    recording = experiment.recordings[0]
+    friction = Friction.plain(experiment.robot.n_dof)
+    auto = replace(experiment, robot=replace(experiment.robot, friction=replace(friction, auto=True)))
+    for k in range(3):
+        held = windows(recording, k, 3)
+        kept = [windows(recording, other, 3).windows for other in range(3) if other != k]
+        part = replace(recording, windows=tuple(one for some in kept for one in some))
+        fit = didim.identify(replace(auto, recordings=(part,)), didim.IDIMLS())
+        (seen,) = didim.validate(fit, replace(auto, recordings=(held,))).recordings
+        yield (fit.verdict.uses[2].error or np.nan), seen.direct_overall
 
 
 def quadruped(folder: Path) -> didim.Experiment:
@@ -258,6 +301,7 @@ def main() -> int:
     parser.add_argument("--logs", nargs="+", help="words of their names")
     parser.add_argument("--method", choices=METHODS, default="idim-ls")
     parser.add_argument("--varied", action="store_true")
+    parser.add_argument("--first", action="store_true", help="as didim init writes the files")
     asked = parser.parse_args()
     if asked.picture:
         picture()
@@ -267,7 +311,7 @@ def main() -> int:
     print("| log | missed | verdict | reasons | simulation / gravity compensation / control (%) / payload |")
     print("|---|---|---|---|---|")
     wrong = 0
-    for name, load in logs(asked.data).items():
+    for name, load in (first_fits if asked.first else logs)(asked.data).items():
         if asked.logs and not any(word in name for word in asked.logs):
             continue
         with contextlib.redirect_stdout(io.StringIO()):  # what didim init says
@@ -284,6 +328,9 @@ def main() -> int:
                 continue
             wrong += fit.verdict.state == "wrong"
             print(row(title, fit), flush=True)
+            if asked.first:
+                pairs = [f"{100.0 * met:.2g} of {100.0 * told:.2g} %" for told, met in thirds(experiment)]
+                print(f"  thirds met of promised: {', '.join(pairs)}", flush=True)
     print(f"\n{wrong} wrong")
     return wrong > 0
 

@@ -9,7 +9,6 @@ estimates over the root of the sum of their variances: rms 1 and 95 % within 1.9
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -21,7 +20,6 @@ from scipy.signal import lfilter
 
 import didim
 from didim.methods.uncertainty import spread_of_fit
-from didim.regression.covariance import Factors, intervals
 from didim.regression.least_squares import solve
 from didim.result.uncertainty import student_factor
 from didim.signal.filters import decimate, decimation_stages
@@ -176,30 +174,6 @@ def of_didim(seeds: int) -> None:
     )
 
 
-def cost(experiment: didim.Experiment) -> None:
-    """Processor time of the jackknife, and how near its closed form is to solving again."""
-    job = didim.IDIMLS().job(experiment)
-    system = job.system(job.parts("fit"))
-    fit = solve(system, job.settings)
-    times = []
-    for _ in range(9):
-        start = time.process_time()
-        spread_of_fit(system, fit, job.settings, job.model.unknowns)
-        times.append(time.process_time() - start)
-    a, y = system.w * fit.weights[:, None], system.y * fit.weights
-    blocks = [item.rows for item in intervals(system.blocks)]
-    found = Factors.of(a, fit.residual * fit.weights).jackknife(blocks)
-    sigma, worst = np.sqrt(np.diag(fit.covariance)), 0.0
-    for block, deletion in zip(blocks, found.deletions, strict=True):
-        kept = np.setdiff1d(np.arange(len(y)), block)
-        again = np.linalg.lstsq(a[kept], y[kept], rcond=None)[0] - fit.solution
-        worst = max(worst, float(np.max(np.abs(deletion - again) / sigma)))
-    print(
-        f"jackknife of {experiment.name}: {1e3 * np.median(times):.1f} ms of processor time; "
-        f"from solving again {worst:.1g} sigma at most"
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--data", type=Path, help="folder of the measured logs")
@@ -215,8 +189,6 @@ def main() -> None:
                     print(line(f"{name} in {count} parts, {kind}", distances(fits)), flush=True)
                 if name == "TX40":
                     chance(name, pieces, options.draws)
-            if name == "TX40":
-                cost(experiment)
     controls(options.draws)
     of_didim(options.seeds)
 

@@ -68,7 +68,7 @@ MEASURE = r"""
   const box = e => e.getBoundingClientRect();
   const scrolls = e => { for (; e; e = e.parentElement)
     if (/auto|scroll|hidden|clip/.test(getComputedStyle(e).overflowX)) return true; return false; };
-  const pieces = [...document.querySelectorAll('img, .picture, .picture span, table, pre, main svg')]
+  const pieces = [...document.querySelectorAll('img, table, pre, main svg')]
     .filter(e => shown(e) && !e.closest('nav, header, footer, .md-sidebar, mjx-container, math') && !e.matches('.twemoji svg'));
   for (const e of pieces) {
     const { width, height } = box(e);
@@ -84,7 +84,7 @@ MEASURE = r"""
         && getComputedStyle(e).position == 'static' && !e.matches('.md-nav *, .headerlink'))
       faults.push(`${name(e)} ends ${Math.round(own.right - around.right)} right of ${name(e.parentElement)}`);
   }
-  const blocks = pieces.filter(e => e.matches('table, .picture, figure, img, pre'));
+  const blocks = pieces.filter(e => e.matches('table, figure, img, pre'));
   for (let i = 0; i < blocks.length; ++i) for (let j = i + 1; j < blocks.length; ++j) {
     if (blocks[i].contains(blocks[j]) || blocks[j].contains(blocks[i])) continue;
     const a = box(blocks[i]), b = box(blocks[j]);

@@ -284,6 +284,17 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert names == ["idim-ls", "didim", "didim", "cloe-levenberg-marquardt"]
 
 
+def test_the_file_says_whether_methods_ask_for_a_robot(experiment: Experiment) -> None:
+    """As in `identify`; a second one of the name is labelled by its own solver."""
+    asked = replace(experiment, least_squares=replace(experiment.least_squares, physical=True))
+    fits = compare(asked, methods=[IDIMLS(), IDIMLS(physical=False)], parameters="reference").fits
+    solvers = {key: fit.settings["solver"]["name"] for key, fit in fits.items()}
+    assert solvers == {"idim-ls": "consistent", "idim-ls-plain": "least-squares"}
+    plain = replace(experiment, least_squares=replace(experiment.least_squares, physical=False))
+    (fit,) = compare(plain, methods=[DIDIM()], parameters="reference").fits.values()
+    assert fit.settings["solver"]["name"] == "least-squares"
+
+
 def test_methods_of_one_name_have_labels_of_what_differs() -> None:
     taken: list[str] = []
     for method in (

@@ -195,14 +195,18 @@ def test_deletions_are_those_of_the_constrained_problem() -> None:
     assert fit.precision is not None
     a, y = system.w * fit.weights[:, None], system.y * fit.weights
     blocks = [part.rows for part in intervals(system.blocks, 20)]
-    true = []
+    true, missed = [], 0.0
     for rows in blocks:
         kept = np.setdiff1d(np.arange(len(y)), rows)
         solved = problem.solve(*triangle_of(a[kept], y[kept]))
         true.append(problem.matrix @ solved.x - fit.solution)
+        missed += float(np.sum(np.square(y[rows] - a[rows] @ (problem.matrix @ solved.x))))
     expected = np.sqrt(np.diag(deletion_covariance(np.array(true))))
     residual = fit.residual * fit.weights
-    held = Factors.held(a, residual, fit.precision).jackknife(blocks)
+    factors = Factors.held(a, residual, fit.precision)
+    assert np.sum(np.square(factors.left_out(blocks))) == pytest.approx(missed, rel=0.01)
+    assert missed > 1.02 * np.sum(np.square(residual))
+    held = factors.jackknife(blocks)
     free = Branches.of(system, fit.weights, fit.residual).jackknife(blocks)
     ratio, wide = (np.sqrt(np.diag(each.covariance)) / expected for each in (held, free))
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)

@@ -25,7 +25,6 @@ METHODS_UNDER_CONTRACT: dict[str, Contract] = {
     "idim-ls": Contract(make=IDIMLS),
     "idim-ls huber": Contract(make=partial(IDIMLS, solver="huber")),
     "idim-ls bisquare": Contract(make=partial(IDIMLS, solver="bisquare")),
-    "idim-ls ridge": Contract(make=partial(IDIMLS, solver="ridge")),
     "idim-ls consistent": Contract(make=partial(IDIMLS, physical=True)),
     "idim-iv": Contract(make=IDIMIV, needs_controller=True),
     "didim plain": Contract(make=partial(DIDIM, physical=False), needs_controller=True),

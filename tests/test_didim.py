@@ -457,17 +457,6 @@ def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array
 
 
 @pytest.mark.usefixtures("unjudged")
-def test_held_out_recordings_are_predicted_and_not_fitted(arm: Experiment, arm_truth: Array) -> None:
-    other = replace(arm_log(2).recordings[0], role="held-out")
-    assert other.tau is not None
-    found = identify(
-        replace(arm, recordings=(*arm.recordings, replace(other, tau=1.1 * other.tau))), plain_didim()
-    )
-    np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
-    assert found.held_out[0].overall_relative_error == pytest.approx(0.1 / 1.1, abs=0.01)
-
-
-@pytest.mark.usefixtures("unjudged")
 def test_fixed_and_dropped_parameters(arm: Experiment, arm_truth: Array) -> None:
     names = arm.robot.base_parameters.names
     exact = float(arm_truth[names.index("Fc1")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,9 +21,11 @@ from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.methods.didim.convergence import contraction_of, rule_sentence
+from didim.methods.didim.problem import Iterate, Solved
+from didim.methods.didim.steps import SecantSteps
 from didim.studies.comparison import text_of
 from didim.studies.simulated_log import measured, packaged_experiment
-from plain import plain_didim
+from plain import plain_didim, stub
 from scripts import script
 
 Array = NDArray[np.float64]
@@ -310,3 +313,50 @@ def test_what_is_left_of_a_contraction_is_half_more_than_its_geometric_series() 
     assert left.rate == pytest.approx(0.5)
     assert left.remaining_largest == pytest.approx(1.5)
     assert left.remaining_rms == pytest.approx(1.5 * np.sqrt(0.625))
+
+
+def test_a_secant_step_is_not_shorter_than_three_tenths() -> None:
+    damped = object.__new__(SecantSteps)
+    damped._before, damped._length = np.array([1.0]), 1.0
+    for ahead, length in ((-9.0, 0.3), (-1.5, 0.4), (0.5, 1.0)):
+        assert damped._secant(np.array([ahead]), np.eye(1)) == pytest.approx(length)
+
+
+def secant(cost: Callable[[Array], float]) -> SecantSteps:
+    """Steps of one parameter, of one standard deviation each, at whose end the simulation has a cost."""
+    return SecantSteps(
+        stub(
+            job=stub(estimated=lambda step: step),
+            changes_in_sigma=lambda solved: np.ones(1),
+            method=stub(sigma_fraction=0.1),
+            windows=[stub(tau=np.ones(1))],
+            choose_steps=lambda x: None,
+            shares=lambda lengths: float(lengths[0]),
+            simulate=lambda x, *more: stub(x=x, errors=np.array([cost(x)])),
+            reporter=None,
+        )
+    )
+
+
+def step_of(steps: SecantSteps, x: float, target: float, iteration: int, error: float = 1.0) -> Any:
+    """Take the step from a place to its solution, both of one parameter; the error is that at the place."""
+    run = stub(errors=np.array([error]), scale=None)
+    along = Iterate(np.array([x]), run, iteration)
+    fit = stub(covariance=np.eye(1), weights=np.ones(1))
+    system = stub(joints=[slice(0, 1)])
+    return steps.step(Solved(along, system, fit, np.array([target]), np.ones(1)))
+
+
+def test_the_third_step_of_a_two_cycle_is_halved() -> None:
+    """Each full step lands where the one before began: the secant step goes to the middle, from the third on."""
+    steps = secant(lambda x: 1.0)
+    cycle = [(0.0, 1.0), (1.0, 0.0), (0.0, 1.0)]
+    assert [step_of(steps, x, target, k).length for k, (x, target) in enumerate(cycle)] == [1.0, 1.0, 0.5]
+
+
+@pytest.mark.parametrize(("rise", "length"), [(1.015, 1.0), (1.025, 0.5)])
+def test_a_secant_step_may_raise_the_cost_by_two_percent(rise: float, length: float) -> None:
+    """The cost is 1 at the iterate and after half of the step, and `rise` after all of it."""
+    step = step_of(secant(lambda x: rise if x[0] == 1.0 else 1.0), 0.0, 1.0, 0)
+    assert step.length == length
+    assert step.after.x == pytest.approx([length])

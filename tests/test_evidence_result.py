@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import didim
+import friction_logs
 import simulated
 from didim import Experiment, identify
 from didim.evidence.residual import residual_of
@@ -222,3 +224,35 @@ def test_an_estimated_velocity_hides_no_missing_friction() -> None:
         fit = didim.identify(replace(noisy, robot=arm_with(term)))
         (found,) = [reason for reason in fit.verdict.grave if reason.code == "friction"]
         assert found.joints == (2,)
+
+
+def test_the_error_promised_among_robots_is_that_of_blocks_left_out_under_their_conditions(
+    tmp_path: Path,
+) -> None:
+    log = friction_logs.logged(
+        friction_logs.robot("ur5e-like"), friction_logs.coulomb, 4001, of="ur5e-like", noise="correlated"
+    )
+    plain, fit = (didim.identify(log, didim.IDIMLS(physical=asked)) for asked in (False, True))
+    assert plain.uncertainty is not None
+    assert fit.uncertainty is not None
+    assert plain.uncertainty.unseen.size == 0
+    growth = fit.uncertainty.unseen
+    assert growth.shape == (6,)
+    assert np.all(growth >= 1.0)
+    control = fit.verdict.uses[2]
+    assert control.error is not None
+    assert fit.overall_relative_error < control.error <= 1.02 * growth.max() * fit.overall_relative_error
+    fit.save(tmp_path / "fit.json")
+    again = didim.Identification.load(tmp_path / "fit.json")
+    assert again.uncertainty is not None
+    np.testing.assert_array_equal(again.uncertainty.unseen, growth)
+
+
+@pytest.mark.parametrize("physical", [False, True])
+def test_a_turned_torque_drives_a_robot_to_its_bounds_and_is_named(physical: bool) -> None:
+    """The curvature of the constraints is 1e15 there, and differences of it were negative."""
+    log = friction_logs.logged(friction_logs.robot(), friction_logs.stribeck(0.3), 1001)
+    tau = tau_of(log) * [1.0, -1.0]
+    fit = identify(with_torques(log, tau), IDIMLS(physical=physical))
+    assert (fit.verdict.state, fit.verdict.grave[0].code) == ("wrong", "torque-sign")
+    assert np.isfinite(fit.std).all()

@@ -202,7 +202,7 @@ def test_the_command_writes_everything(folder: Path, capsys: pytest.CaptureFixtu
     assert "use of limits %" in captured.out
     assert all(path.stat().st_size > 500 for path in outputs)
     page = report.read_text()
-    assert page.count('role="img"') == 2
+    assert page.count('<img class="picture"') == 2
     assert "A motion for robot planar2" in page
     assert "No limit is exceeded on a grid 20 times finer" in page
 

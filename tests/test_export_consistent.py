@@ -125,3 +125,25 @@ def test_a_consistent_result_is_written_as_it_is(folder: Path, capsys: pytest.Ca
     np.testing.assert_array_equal(source.x, near.parameters)
     assert "M1" in source.from_prior[0]
     assert not any("near the prior" in note for note in source.notes)
+
+
+@pytest.mark.parametrize("prior", ["urdf", "generic"])
+def test_samples_are_bodies_near_the_estimate(folder: Path, tmp_path: Path, prior: str) -> None:
+    """Each draw has positive definite links and no negative friction, and their torques are those of the covariance."""
+    fit, robot = Identification.load(folder / "fit.json"), didim.load_robot(folder / "arm.toml")
+    draws = tmp_path / "draws.npz"
+    assert (
+        main(["export", str(folder / "fit.json"), "--samples", "60", "--prior", prior, "-o", str(draws)]) == 0
+    )
+    arrays = np.load(draws)
+    assert tuple(arrays["names"]) == robot.parameter_names
+    assert {*arrays["origins"]} == {"log", "prior"}
+    for x in arrays["values"]:
+        assert [why_no_body(body) for body in bodies(robot, x)] == [None] * 3
+    drives = np.isin(arrays["kinds"], ["Ia", "Fv", "Fc"])
+    assert (arrays["values"][:, drives] >= 0.0).all()
+    assert arrays["joints"][drives].tolist() == [name for name in robot.joint_names for _ in range(3)]
+    told = fit.std > 0.0
+    base = (arrays["values"] @ robot.base_parameters.matrix.T - fit.beta)[:, told] / fit.std[told]
+    assert np.sqrt(np.mean(base.mean(axis=0) ** 2)) < 1.0
+    assert 0.3 < np.median(base.std(axis=0)) < 1.3

@@ -14,11 +14,12 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.errors import FitError
-from didim.export.configuration import bam, isaac_lab, mjlab
-from didim.export.drives import Drives, JointDrive, drives_of, for_step
+from didim.export.configuration import bam, isaac_lab, mjlab, ranges_of
+from didim.export.drives import Drives, JointDrive, drives_of, for_step, samples_for_step
 from didim.export.mjcf_edit import edit_mjcf
 from didim.result.identification import Identification
 from didim.result.iteration import Status
+from didim.result.samples import Samples
 from didim.robot.transmission import Actuator
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
@@ -325,6 +326,88 @@ def test_mjlab_takes_the_drives_as_mujoco_does() -> None:
     assert not {"effort_limit", "delay_max_lag"} & set(made[1][1])
     with pytest.raises(FitError, match="no gains of joint 'pan'"):
         mjlab(Drives((replace(PAN, kp=None),)))
+
+
+def events(text: str) -> dict[str, dict[str, Any]]:
+    """Run the events of a configuration with stand-ins for what they import; functions are their names."""
+    lines = text.partition("# In your ")[2].partition("\n")[2]
+    assert re.findall(r"^from (\S+)", lines, flags=re.MULTILINE)[0] in ("mjlab.envs.mdp", "isaaclab.envs")
+
+    class Named:
+        def __getattr__(self, name: str) -> str:
+            return name
+
+    scope: dict[str, Any] = {
+        **dict.fromkeys(("dr", "mdp"), Named()),
+        "EventTermCfg": dict,
+        "SceneEntityCfg": lambda name, **options: {"name": name, **options},
+    }
+    exec(re.sub(r"^from .*$", "", lines, flags=re.MULTILINE), scope)
+    found: dict[str, dict[str, Any]] = scope["EVENTS"]
+    return found
+
+
+def test_ranges_of_what_was_estimated_are_events_of_the_simulators() -> None:
+    """Kinds of one joint and of both, with a gain; what no log tells has none, and a step moves a range as it moves the drive."""
+    kinds, values = ("Ia", "Fc", "kp", "kp", "Fv", "delay_s"), np.array([0.03, 0.07, 18.0, 36.0, 0.25, 0.01])
+    spread = np.array([0.1, 0.2, 0.05, 0.0, 0.3, 0.5]) * values
+    samples = Samples(
+        names=kinds, kinds=kinds, units=("",) * 6, joints=(("pan",), ("pan",), ("pan",), ("lift",), ("lift",), ("pan", "lift")),
+        origins=("log",) * 6, texts=("",) * 6, estimate=values, values=values + spread * np.linspace(-1.0, 1.0, 21)[:, None],
+        runs=np.zeros(6), seed=0,
+    )  # fmt: skip
+    both = Drives((replace(PAN, delay_s=0.01), replace(LIFT, delay_s=0.01)))
+    ranges = ranges_of(both, samples)
+    assert ranges["kp"] == {"pan": pytest.approx((17.19, 18.81))}  # the other gain has no range
+    assert {*ranges["delay_s"]} == {"pan", "lift"}
+    moved = ranges_of(for_step(both, 0.004, "implicitfast"), samples)
+    np.testing.assert_allclose(moved["rotor"]["pan"], np.array(ranges["rotor"]["pan"]) - 0.002 * (0.3 + 0.5))
+
+    late = samples_for_step(samples, both, 0.004)
+    for drive in for_step(both, 0.004, "implicitfast").joints:
+        if drive.joint == "pan":
+            assert late.estimate[0] == pytest.approx(drive.rotor)
+        assert late.estimate[-1] == pytest.approx(drive.delay_s)
+    np.testing.assert_allclose(late.values[:, 0] - samples.values[:, 0], -0.002 * (0.3 + 0.5))
+    damped = replace(samples, joints=(("pan",),) * 6)  # the damping of this joint is drawn too
+    change = (samples_for_step(damped, both, 0.004).values - samples.values)[:, 0]
+    np.testing.assert_allclose(change, -0.002 * (samples.values[:, 4] + 0.5))
+    assert (samples_for_step(samples, both, 0.2).values[:, 0] == 0.0).all()
+
+    text = mjlab(both, 0.005, ranges)
+    found = events(text)
+    assert {name: term["func"] for name, term in found.items()} == {
+        "joint_armature": "joint_armature", "joint_damping": "joint_damping", "joint_friction": "joint_friction",
+        "gains_pan": "pd_gains",
+    }  # fmt: skip
+    assert found["joint_armature"]["params"] == {
+        "ranges": {"pan": pytest.approx((0.0273, 0.0327))},
+        "operation": "abs",
+    }
+    gains = found["gains_pan"]["params"]
+    assert gains["asset_cfg"] == {"name": "robot", "actuator_ids": [0]}
+    assert (gains["kp_range"], gains["kd_range"]) == (pytest.approx((17.19, 18.81)), (0.5, 0.5))
+    lags = [
+        (options["delay_min_lag"], options["delay_max_lag"])
+        for _, options in configured(text.partition("# In")[0], "mjlab.actuator")
+    ]
+    assert lags == [(1, 3)] * 2
+    assert "each by itself: didim export --samples has the same draws with their correlations" in text
+
+    text = isaac_lab(both, 0.005, ranges)
+    found = events(text)
+    joint = found["joint_pan"]["params"]
+    assert found["joint_pan"]["func"] == "randomize_joint_parameters"
+    assert joint["operation"] == "scale"
+    assert joint["asset_cfg"] == {"name": "robot", "joint_names": ["pan"]}
+    assert joint["armature_distribution_params"] == pytest.approx((0.91, 1.09))
+    assert joint["friction_distribution_params"] == pytest.approx((0.82, 1.18))
+    assert {*found} == {"joint_pan", "gains_pan"}  # Isaac Lab has no range of viscous friction alone
+    assert found["gains_pan"]["func"] == "randomize_actuator_gains"
+    assert found["gains_pan"]["params"]["stiffness_distribution_params"] == pytest.approx((0.955, 1.045))
+    assert "damping_distribution_params" not in found["gains_pan"]["params"]
+    ((_, options),) = configured(text.partition("# In your EventCfg")[0], "isaaclab.actuators")
+    assert (options["min_delay"], options["max_delay"]) == (1, 3)
 
 
 def test_parameters_of_bam() -> None:

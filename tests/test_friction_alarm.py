@@ -156,6 +156,68 @@ def test_curves_of_speed_are_tested_beside_a_law_of_speed(law: str) -> None:
         assert alarm(didim.identify(log, didim.IDIMLS())).raised
 
 
+def test_a_velocity_that_is_fitted_leaves_no_second_law_of_its_kind() -> None:
+    """A law with another velocity is nearly its own change with the velocity, so its amount would be arbitrary."""
+    terms = [
+        didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.15, estimated=True) for joint in (0, 1)
+    ]
+    right, bent = stribeck(0.2), stribeck(0.3, 0.6)
+    log = logged(robot().with_terms(terms), lambda *motion: right(*motion) + bent(*motion), 500)
+    fit = didim.identify(log, didim.IDIMLS())
+    found = alarm(fit)
+    assert found.raised
+    assert {law.law for law in found.missing} == {"atan"}
+    assert fit.uncertainty is not None
+    shift = found.shift[: fit.beta.size]
+    assert np.all(shift < 30.0 * fit.uncertainty.without_shift(fit.std)), shift
+
+
+LOADED = [didim.FrictionTerm(law="load", joint=joint) for joint in (0, 1)]
+"""Laws that a file may have beside the one that its log lacks."""
+
+
+def test_a_further_law_is_tried_on_blocks_left_out_before_it_is_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    right, more = load(0.08), stribeck(0.3)
+    log = logged(robot().with_terms(LOADED), lambda *motion: right(*motion) + more(*motion), 500)
+    fit = didim.identify(log, didim.IDIMLS())
+    (found,) = (reason for reason in fit.verdict.reasons if reason.code == "friction")
+    assert (found.grade, found.joints) == ("doubtful", (1, 2))
+    assert found.advice == "Add joints 1 and 2 to stribeck under [friction]: blocks left out support it"
+    assert found.remedy is not None
+    assert (found.remedy.key, found.remedy.action, found.remedy.joints) == ("stribeck", "add", (1, 2))
+    terms = [
+        didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.1, estimated=True) for joint in (0, 1)
+    ]
+    done = didim.identify(replace(log, robot=robot().with_terms([*LOADED, *terms])), didim.IDIMLS())
+    assert not any(reason.code == "friction" for reason in done.verdict.reasons)
+    # What blocks do not support is a note, and stays in the intervals.
+    monkeypatch.setattr("didim.evidence.judge.further_laws", lambda *given: {})
+    refused = didim.identify(log, didim.IDIMLS())
+    (note,) = (reason for reason in refused.evidence if reason.code == "friction")
+    assert (note.grade, note.remedy) == ("note", None)
+    assert "blocks left out support no further law; intervals include it" in note.sentence
+    np.testing.assert_array_equal(refused.std, fit.std)
+
+
+def test_joints_that_lack_friction_of_each_direction_and_another_law_are_named_apart() -> None:
+    """Viscous friction differs by direction at both joints, and one lacks Stribeck's law: blocks support forward friction too."""
+    right, more = load(0.08), stribeck(0.05)
+
+    def law(*motion: np.ndarray) -> np.ndarray:
+        falling = more(*motion) * [1.0, 0.0]
+        return np.asarray(right(*motion) + 0.5 * motion[3] * np.maximum(motion[1], 0.0) + falling)
+
+    fit = didim.identify(logged(robot().with_terms(LOADED), law, 500), didim.IDIMLS())
+    (found,) = (reason for reason in fit.verdict.reasons if reason.code == "friction")
+    assert "asymmetric" in found.facts["laws"]
+    assert "friction of each direction at joint" in found.sentence
+    assert found.advice.startswith(
+        "Add joints 1 and 2 to forward_viscous, joint 1 to stribeck under [friction]"
+    )
+
+
 def test_load_friction_of_the_model_is_not_tested_again() -> None:
     arm = robot().with_terms([didim.FrictionTerm(law="load", joint=joint) for joint in (0, 1)])
     found = alarm(didim.identify(logged(arm, load(0.08), 500), didim.IDIMLS()))

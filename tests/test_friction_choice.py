@@ -14,11 +14,12 @@ import pytest
 import didim
 import friction_logs
 from didim.errors import FitError
+from didim.experiment.draft_friction import friction_lines
 from didim.methods.friction import FoundFriction
 from didim.methods.job import Job
 from didim.regression.friction import screen
 from didim.regression.friction.candidates import joints_without_memory, narrowest_memory, pool_of
-from didim.regression.friction.choice import FrictionChoice, choose_terms
+from didim.regression.friction.choice import FrictionChoice, choose_terms, first_fit
 from didim.regression.friction.screen import Elsewhere, Screen, State
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
@@ -117,6 +118,33 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     assert not any(term.law == "dahl" for term in coarse.friction.terms)
     assert coarse.without_memory == {0: pytest.approx(0.1), 1: pytest.approx(0.1)}
     assert choice.without_memory == {}
+
+
+def test_a_joint_that_rests_has_a_dead_zone_beside_one_that_keeps_its_sign() -> None:
+    """At rest the noise of the velocity decides a plain sign. The first joint keeps its sign; the second needs a dead zone."""
+    robot = planar(FrictionTerm(law="hold", joint=0))
+    robot = replace(robot, friction=replace(robot.friction, dead_zone=(0.0, 0.02)))
+    x = parameters(robot)
+    q, dq, ddq = motion()
+    for joint, first in ((0, 400), (1, 800)):
+        for rest in range(first, 4000, 800):
+            for array, value in ((q, q[rest, joint]), (dq, 0.0), (ddq, 0.0)):
+                array[rest : rest + 100, joint] = value
+    rng = np.random.default_rng(0)
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    tau += 0.05 * rng.standard_normal(tau.shape)
+    job = didim.IDIMLS().job(replace(log(robot, x), robot=planar()))
+    part = replace(job.parts("fit")[0], q=q, dq=dq + 1e-3 * rng.standard_normal(dq.shape), ddq=ddq, tau=tau)
+    said: list[str] = []
+    fit = first_fit(job.model, lambda delay: [part], job.signal, solver(job), None, said.append)
+    friction = fit.choice.friction
+    assert friction.held == {0}
+    assert friction.coulomb == "sign"
+    assert friction.dead_zone[0] == 0.0 < friction.dead_zone[1]
+    assert fit.rest is not None
+    assert fit.rest.parameter == "dead_zone"
+    (line,) = (one for one in friction_lines(planar(), fit) if one.startswith("dead_zone"))
+    assert line == f"dead_zone_rad_s = [0.0, {friction.dead_zone[1]}]"
 
 
 def test_a_slow_log_tells_no_memory_of_small_displacements() -> None:
@@ -498,8 +526,12 @@ def test_the_choice_on_the_tx40(shared: Path, project: Path) -> None:
     # Load friction is kept where it is, at the elbow, and never where it would drive a joint.
     assert value["Fl3"] == pytest.approx(0.21, abs=0.04)
     assert all(number > 0.0 for name, number in value.items() if name.startswith("Fl"))
-    # Table II has deviations of its own. In those of the log alone ZZ1R is the farthest, at 1.503.
-    own, both = apart_from_table_2(fit, shared)
+    _, both = apart_from_table_2(fit, shared)
+    assert max(both.values()) < 1.5, both
+    # Table II is an estimate without conditions, with deviations of its own. In those of the log alone ZZ1R is the farthest, 1.503.
+    own, both = apart_from_table_2(
+        didim.identify(experiment, didim.IDIMLS(friction="auto", physical=False)), shared
+    )
     assert len(both) == 13
     assert max(both.values()) < 1.5, both
     assert max(own.values()) < 1.51, own

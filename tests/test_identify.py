@@ -63,17 +63,6 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str, weights: str) 
     assert fit.elapsed > 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("unjudged", "without_alarm")
-def test_errors_with_noise_are_as_large_as_sigma_says(robot: Robot, x: Array, truth: Array) -> None:
-    errors = []
-    for seed in range(60):
-        fit = identify(simulated.experiment(robot, simulated.log(robot, x, noise=0.3, seed=seed)))
-        errors.append((fit.beta - truth) / fit.std)
-    # 60 fits of some ten correlated estimates: their rms is known to about 6 %.
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.15)
-
-
 def test_rows_are_joint_by_joint_across_recordings(robot: Robot, x: Array) -> None:
     one, two = (simulated.log(robot, x, seed=seed, noise=0.3, name=f"run {seed}") for seed in (1, 2))
     # Swapping the recordings moves rows within a joint, which changes nothing but rounding.
@@ -160,6 +149,7 @@ def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x
         "variance": "r-1",
         "uncertainty": "white",
         "blocks": 20,
+        "physical": None,
     }
     assert len(fit.history) == 4
     raw = identify(exp, IDIMLS(signal=SignalProcessing(cutoff_hz=40.0)))
@@ -345,3 +335,26 @@ def test_windows_that_the_edges_use_up(robot: Robot, x: Array) -> None:
     signal = replace(simulated.SIGNAL, edge_rows=300)
     with pytest.raises(FitError, match="recording 'log': decimation leaves nothing of 2950 samples"):
         identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))
+
+
+def test_the_file_and_the_choice_of_laws_ask_for_a_robot(robot: Robot, x: Array) -> None:
+    """Laws that are chosen among parameters of a robot are solved among these, unless a file or a method says otherwise."""
+    log = simulated.experiment(robot, simulated.log(robot, x))
+
+    def solver(experiment: Any, method: Any) -> str:
+        return str(identify(experiment, method).settings["solver"]["name"])
+
+    def asked(value: bool) -> Any:
+        return replace(log, least_squares=replace(log.least_squares, physical=value))
+
+    assert solver(log, IDIMLS()) == "least-squares"
+    assert solver(asked(True), IDIMLS()) == "consistent"
+    assert solver(asked(True), IDIMLS(physical=False)) == "least-squares"
+    assert solver(log, IDIMLS(friction="auto")) == "consistent"
+    auto = replace(robot, friction=replace(robot.friction, auto=True))
+    assert solver(replace(log, robot=auto), IDIMLS()) == "consistent"
+    assert solver(asked(False), IDIMLS(friction="auto")) == "least-squares"
+    wrong: Any
+    for wrong in ("true", 1):
+        with pytest.raises(FitError, match="physical must be True or False, got"):
+            replace(log.least_squares, physical=wrong)

@@ -270,8 +270,16 @@ def test_a_hobby_arm(tmp_path: Path) -> None:
         assert (found < high + margin).all()
     delay = fit.settings["positions"]["drive"]["delay_s"][0]
     assert [1e3 * delay, 1e3 * logs.DELAY_S] == pytest.approx(list(map(float, rows["delay"])), abs=0.06)
+    training = text.partition("## Training in what you measured")[2]
+    errors = [line.split()[-6:] for line in printed["didim validate fit.json other.toml"].splitlines()[1:]]
+    assert len(errors) == 4
+    assert all(0.4 <= round(float(cell), 1) <= 0.7 for row in errors for cell in row)
+    draws_move_mujoco(
+        folder, training, np.array([fit.std[list(fit.names).index(f"Ia{j + 1}")] for j in range(6)])
+    )
     before, after = rows["rms error of the other log in MuJoCo"][0].split(" and ")
-    assert all_joints([*printed.values()][-1]) == pytest.approx([float(before), float(after)], rel=0.03)
+    (replay,) = (out for command, out in printed.items() if "--mujoco" in command)
+    assert all_joints(replay) == pytest.approx([float(before), float(after)], rel=0.03)
 
 
 @pytest.mark.slow
@@ -306,6 +314,30 @@ def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.
     np.testing.assert_allclose(model.dof_frictionloss, ARM_TRUTH["frictionloss"], rtol=0.02)
     drive = didim.Identification.load("fit.json").settings["positions"]["drive"]
     assert drive["delay_s"][0] == pytest.approx(ARM_DELAY_S, abs=0.0002)
+
+
+def draws_move_mujoco(folder: Path, page: str, spread: np.ndarray) -> None:
+    """The program of a page gives a model the draws; their rollouts differ by as much as the draws do, and stay near the fit's."""
+    program, *_ = re.findall(r"^```python\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
+    program = re.sub(r'"(draws\.npz|arm_fit\.xml)"', lambda name: repr(str(folder / name[1])), program)
+    scope: dict[str, Any] = {}
+    exec(program, scope)
+    model, motions, armatures = scope["model"], [], []
+    for draw in (None, *range(20)):
+        if draw is not None:
+            scope["take"](draw)
+            armatures.append(model.dof_armature.copy())
+        data, moved = mujoco.MjData(model), []
+        for k in range(250):
+            data.ctrl[:] = 0.3 * (k // 50 % 2)
+            mujoco.mj_step(model, data)
+            moved.append(data.qpos.copy())
+        motions.append(moved)
+    values = np.array(motions)
+    off = np.abs(values[1:] - values[0]).max(axis=(1, 2))
+    assert np.ptp(values[0]) > 0.1
+    assert 0.0 < off.min() < off.max() < 5e-3
+    np.testing.assert_allclose(np.std(armatures, axis=0), spread, rtol=0.6)
 
 
 STEPPED = ARM.replace("[unknown]\n", "[unknown]\nkp = { start = 15.0 }\nkv = { start = 0.8 }\n")

@@ -43,6 +43,7 @@ def test_the_file_has_the_laws_of_the_log_and_their_reasons(
     assert "[delay]" not in text
     # It loads, and `identify` chooses the same laws.
     experiment = didim.load_experiment(tmp_path / "log.toml")
+    assert experiment.least_squares.physical is True
     own = {term.parameter for term in experiment.robot.friction.terms}
     (tmp_path / "auto.toml").write_text(
         "\n".join('terms = "auto"' if each == line else each for each in text.splitlines())
@@ -67,6 +68,19 @@ def test_a_smooth_sign_is_found_and_no_laws_with_it(tmp_path: Path) -> None:
     )
     friction = didim.load_experiment(path).robot.friction
     assert (friction.coulomb, friction.smoothing, friction.terms) == ("tanh", (0.02, 0.02), ())
+    # Without laws the method decides.
+    assert "[least_squares]" not in text
+
+
+def test_gains_to_be_estimated_leave_laws_and_solver_to_the_next_file(tmp_path: Path) -> None:
+    """Laws, and parameters of a robot, need torques: `identify` refuses a file that asks for these and for gains."""
+    log = written(tmp_path)
+    log.write_text(log.read_text(encoding="utf-8").replace("tau1,tau2", "iq1,iq2"), encoding="utf-8")
+    path, _ = initialise("planar2", log, gains="estimate")
+    text = path.read_text(encoding="utf-8")
+    assert 'gain = "estimate"' in text
+    assert "stribeck = " not in text
+    assert "[least_squares]" not in text
 
 
 def test_a_delay_comes_after_friction(tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ def test_a_sentence_says_that_own_offsets_were_left_out() -> None:
 
 @pytest.mark.usefixtures("without_alarm", "unjudged")
 def test_offsets_of_their_own_are_as_uncertain_as_they_say() -> None:
-    """Four logs with offsets of their own and one payload: error/sigma near 1 over seeds (benches/payloads.py has 40)."""
+    """Four logs with offsets of their own and one payload: error/sigma near 1 over seeds."""
     offsets = {1: (0.3, -0.2), 2: (-0.1, 0.1), 3: (0.2, 0.05)}
     clean = arm_logs([False, True, True, False], offsets=offsets, own=("offsets",))
     scores = []

@@ -66,7 +66,7 @@ def test_the_gallery_draws_what_its_blocks_draw() -> None:
     ((end, picture),) = gallery.drawn(page)
     assert page[end:] == "\ntext"
     assert picture.startswith("<figure>")
-    assert 'aria-label="figure = new_figure(1.0)"' in picture
+    assert 'alt="figure = new_figure(1.0)"' in picture
     text = (ROOT / "docs" / gallery.PAGE).read_text(encoding="utf-8")
     blocks = gallery.BLOCK.findall(text.partition(gallery.HEADING)[2])
     assert sum("figure = " in block for block in blocks) == 12

@@ -207,11 +207,6 @@ def test_wrong_methods_are_one_sentence(
         didim.identify(log, name)
 
 
-def test_names_of_the_version_before_warn() -> None:
-    with pytest.warns(DeprecationWarning, match=r"didim.Bounds is didim.solvers.Bounds now"):
-        assert getattr(didim, "Bounds") is didim.solvers.Bounds  # noqa: B009 - unknown to type checkers
-
-
 def test_titles_and_places() -> None:
     assert [title_of(name) for name in METHODS] == ["IDIM-LS", "IDIM-IV", "DIDIM", "CLOE"]
     assert title_of("didim-plain") == "DIDIM, plain"

@@ -225,7 +225,7 @@ def test_means_of_a_held_reference(lag: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_drawing")
-def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
+def test_two_legs_give_their_drives_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     experiment = twin(tmp_path, legs(), commands(6, 8.0, steps=True))
     fit = fitted(experiment)
     assert fit.converged
@@ -263,10 +263,48 @@ def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
         )
         == 0
     )
-    errors = json.loads((tmp_path / "e.json").read_text())["position_errors"]["log"]
+    data, printed = json.loads((tmp_path / "e.json").read_text()), capsys.readouterr().out.splitlines()
+    errors, ahead = data["position_errors"]["log"], data["horizon_errors"]["log"]
     assert len(errors) == 6
     assert max(errors) < 1e-3
+    assert [*ahead] == ["0.1", "0.5", "2"]
+    assert all(len(row) == 6 and max(row) < 5e-3 for row in ahead.values())
+    assert printed[1].split() == [
+        "recording",
+        "'log'",
+        "from",
+        "the",
+        "start",
+        *(f"{1e3 * value:.2f}" for value in errors),
+    ]
+    assert printed[4].split() == ["2", "s", "ahead", *(f"{1e3 * value:.2f}" for value in ahead["2"])]
     assert str(Identification.load(tmp_path / "fit.json")) == text
+
+
+def test_predictions_begin_with_measured_states(tmp_path: Path) -> None:
+    """With the truth they follow a log from any time on, delay and lag of the commands before it included."""
+    truth, drive = {"Ia": 0.012, "Fv": 0.15, "Fc": 0.2, "Off": 0.05}, {"delay_s": 0.0323, "lag_s": 0.02}
+    unknown = "".join(f"{kind} = {{ start = {value}, max = 0.05 }}\n" for kind, value in drive.items())
+    experiment = twin(
+        tmp_path, ARM.format(option=""), commands(3, 6.0, steps=True), drive=drive, unknown=unknown
+    )
+    values = {f"{kind}{j + 1}": value * (1.0 + 0.1 * j) for kind, value in truth.items() for j in range(3)}
+    problem = Problem(experiment, given=values)
+    (rollout,) = problem.rollouts
+    every, at = problem.ahead(rollout, problem.start, (2.0, 0.1), np.full(3, np.inf))
+    assert at.tolist() == [*range(rollout.first, len(rollout.q) - 2, 10)]
+    assert every.shape == (len(at), 201, 3)
+    q, smooth = problem.ahead(rollout, problem.start, (2.0, 0.1), np.full(3, 2e-4))
+    assert 20 < len(smooth) < len(at)
+    assert {*smooth.tolist()} < {*at.tolist()}
+    ends = smooth[smooth + 200 < len(rollout.q)]
+    truth_of = rollout.q[ends[:, None] + np.arange(201)]
+    assert np.sqrt(np.mean((q[: len(ends)] - truth_of) ** 2)) < 5e-4 < 0.01 * np.std(rollout.q)
+    assert not problem.ahead(rollout, problem.start, (2.0, 0.1), np.zeros(3))[1].size
+    wrong, column = problem.start, [column.name for column in problem.columns].index("delay_s")
+    wrong[column] += 0.01
+    late = problem.ahead(rollout, wrong, (2.0, 0.1), np.full(3, 2e-4))[0]
+    assert np.sqrt(np.mean((late - q) ** 2)) > 5e-3
 
 
 @pytest.mark.slow

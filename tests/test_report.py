@@ -29,10 +29,8 @@ from didim import (
 )
 from didim.cli.main import main
 from didim.errors import FitError, PlotError
-from didim.plot import style
 from didim.report.fit import judged
 from didim.report.page import Html, table
-from didim.report.picture import PHONE_IN, column_edges, panels_of, picture, row_edges
 from didim.result.iteration import Status
 from didim.studies.comparison import sentences
 from didim.studies.simulated_log import packaged_experiment
@@ -52,9 +50,8 @@ MODULES = {
 """Modules of the functions that the commands call."""
 
 
-PICTURE = r"width:\d+px;--image:url\(data:image/svg\+xml;base64,([\w+/=]+)\)"
-
-"""The style of a picture, with its image."""
+PICTURE = r"data:image/svg\+xml;base64,([\w+/=]+)"
+"""The source of a picture: the image itself."""
 
 
 @dataclass
@@ -79,7 +76,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         known = {key: value or "" for key, value in attrs}
         self.tags.append((tag, known))
-        if tag != "meta":
+        if tag not in ("meta", "img"):
             self.open.append(tag)
         if tag == "table":
             self.tables.append([])
@@ -87,7 +84,7 @@ class Page(HTMLParser):
             self.tables[-1].append([])
         if tag in ("td", "th"):
             self.tables[-1][-1].append("")
-        if image := re.fullmatch(PICTURE, known.get("style", "")):
+        if image := re.fullmatch(PICTURE, known.get("src", "")):
             self.pictures.append(base64.b64decode(image[1]).decode())
 
     def handle_endtag(self, tag: str) -> None:
@@ -145,15 +142,10 @@ def test_nothing_is_fetched(pages: dict[str, str], which: str) -> None:
     assert not {"script", "link", "iframe", "object", "base"} & {tag for tag, _ in page.tags}
     for _, attributes in page.tags:
         assert attributes.get("href", "#").startswith("#")
-        assert not {"action", "srcset", "src", "onclick", "onload"} & set(attributes)
-        # Pictures hold their image themselves, and their columns of panels where each is cut from it.
-        style = attributes.get("style", "")
-        assert (
-            not style
-            or re.fullmatch(PICTURE, style)
-            or re.fullmatch(r"[a-z-]+:[\d.%/ ]+(;[a-z-]+:[\d.%/ ]+)*", style)
-        )
-    assert not re.search(r"https?:|url\((?!data:image/svg)|@import", html)
+        assert not {"action", "srcset", "onclick", "onload"} & set(attributes)
+        assert re.fullmatch(PICTURE, attributes.get("src", "data:image/svg+xml;base64,="))
+        assert re.fullmatch(r"([a-z-]+:[\d.%/ ]+;?)*", attributes.get("style", ""))
+    assert not re.search(r"https?:|url\(|@import", html)
     places = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
     links = [attributes["href"].removeprefix("#") for _, attributes in page.tags if "href" in attributes]
     assert len(links) == len(places) > 2
@@ -165,10 +157,8 @@ def test_nothing_is_fetched(pages: dict[str, str], which: str) -> None:
         references = re.findall(r'(?:xlink:)?href="([^"]{0,30})', drawing)
         assert all(target.startswith(("#", "data:image/png;base64")) for target in references)
         assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", drawing))
-    described = [attributes["aria-label"] for _, attributes in page.tags if attributes.get("role") == "img"]
-    # One drawn again for a phone is in the element that is described.
-    for_phones = sum(attributes.get("class") == "phone" for _, attributes in page.tags)
-    assert len(described) == len(page.pictures) - for_phones
+    described = [attributes["alt"] for tag, attributes in page.tags if tag == "img"]
+    assert len(described) == len(page.pictures)
     assert all(described)
     assert len(html) < 3_000_000
 
@@ -489,81 +479,3 @@ def test_a_measured_tx40(project: Path, shared: Path) -> None:
     assert len(page.table("parameter")) >= 2 * 60
     assert "27 of 60 well" in page.text
     assert re.search(r"the residual of joints 1, 2, 3, 4, 5 and 6, .* is correlated in time", page.text)
-
-
-def parts_of(html: str) -> list[tuple[float, float]]:
-    """Return the upper left corners of the parts of a picture that are shown in columns, as shares, in the order of the page."""
-    corners = []
-    for size, place in re.findall(r"background-size:([^;]+);background-position:([^\"]+)\"", html):
-        shares = [100.0 / float(number) for number in size.replace("%", "").split()]
-        at = [float(number) / 100.0 for number in place.replace("%", "").split()]
-        corners.append((at[0] * (1.0 - shares[0]), at[1] * (1.0 - shares[1])))
-    return corners
-
-
-def test_a_phone_gets_the_columns_of_a_picture_one_below_the_other() -> None:
-    """Two columns of panels with a colour bar beside the second: the cut lies between the columns."""
-    figure = style.new_figure(4.0)
-    axes = figure.subplots(2, 2)
-    figure.colorbar(axes[0, 1].imshow([[0.0, 1.0]]), ax=axes[0, 1])
-    html = picture(figure, "four panels").text
-    left, cut, right = column_edges(figure, panels_of(figure))
-    assert (left, right) == (0.0, 1.0)
-    assert axes[0, 0].get_position().x1 < cut < axes[0, 1].get_position().x0
-    widths = [float(width) for width in re.findall(r"<span style=\"width:([\d.]+)%", html)]
-    assert widths == pytest.approx([100.0 * cut, 100.0 * (1.0 - cut)], abs=0.2)
-
-
-@pytest.mark.slow
-def test_a_phone_gets_the_joints_of_a_picture_in_their_order() -> None:
-    """Five joints in two columns, each an upper panel with a title and a lower one: 1 2 3 4 5, not 1 3 5 2 4."""
-    figure = style.new_figure(8.0)
-    pairs = list(style.panel_pairs(figure, 5, 2, (2.0, 1.0)))
-    html = picture(figure, "five joints").text
-    corners = parts_of(html)
-    panels = panels_of(figure)
-    down, across = [0.0, *row_edges(figure, panels)], column_edges(figure, panels)[:-1]
-    assert (len(down), len(across)) == (3, 2)
-    expected = [(x, y) for y in down for x in across]
-    assert np.array(corners) == pytest.approx(np.array(expected), abs=2e-3)
-    ends = np.repeat([*down[1:], 1.0], 2)
-    for (_, upper, lower), (x, y), end in zip(pairs, corners, ends, strict=False):
-        assert x < upper.get_position().x0
-        assert y < 1.0 - upper.get_position().y1 < 1.0 - lower.get_position().y0 < end
-    # The sixth place is empty.
-    assert re.findall(r"<span([^>]*) style", html) == [*[""] * 5, ' class="empty"']
-
-
-def test_a_phone_gets_the_legend_of_a_picture_entry_by_entry() -> None:
-    """A legend above two columns of panels is cut between its entries, and the panels begin below it."""
-    figure = style.new_figure(4.0)
-    panels = figure.subplots(2, 2)
-    for label in ("measured and filtered", "model", "difference of both"):
-        panels[0, 0].plot([0.0, 1.0], label=label)
-    style.legend_above(figure, panels[0, 0])
-    html = picture(figure, "four panels").text
-    (legend,) = figure.legends
-    figure.dpi = 72.0
-    width, around = figure.bbox.width, legend.get_window_extent()
-    first, second, third, *columns = parts_of(html)
-    texts = [text.get_window_extent() for text in legend.get_texts()]
-    assert first[0] == pytest.approx(around.x0 / width, abs=1e-3)
-    for corner, before, after in zip((second, third), texts, texts[1:], strict=False):
-        assert before.x1 < corner[0] * width < after.x0
-    assert len(columns) == 2
-    tops = [(1.0 - top) * figure.bbox.height for _, top in columns]
-    assert all(panels[0, 0].get_window_extent().y1 < top < texts[0].y0 for top in tops)
-
-
-def test_a_phone_gets_a_wide_panel_drawn_for_it() -> None:
-    figure = style.new_figure(3.0)
-    axes = figure.subplots()
-    axes.plot([0.0, 1.0], label="a line")
-    style.legend_above(figure, axes)
-    html = picture(figure, "one panel").text
-    assert html.count("--image:") == 2
-    assert 'class="phone"' in html
-    assert f"aspect-ratio:{96.0 * PHONE_IN:.2f}/288.00" in html
-    # The figure is as it was.
-    assert tuple(figure.get_size_inches()) == (style.WIDTH_IN, 3.0)
-    assert len(figure.legends) == 1

@@ -1,4 +1,4 @@
-"""Huber's and Tukey's estimators and ridge regression."""
+"""Huber's and Tukey's estimators."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 import didim
-from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
-from didim.regression.classical.solvers import Ridge
-from didim.regression.covariance import intervals
-from didim.terms.rows import stacked
 
 
 def system(seed: int = 0, rows: int = 200, outliers: int = 0) -> tuple[np.ndarray, ...]:
@@ -78,30 +74,6 @@ def test_without_noise_nothing_is_divided_by_zero() -> None:
     assert found.solution == pytest.approx(truth, rel=1e-9)
 
 
-def test_ridge_is_its_normal_equations() -> None:
-    a, y, _ = system()
-    size = np.linalg.norm(a, axis=0)
-    prior = np.array([1.0, 0.0, 300.0])
-    for strength in (0.0, 1e-3, 1.0):
-        normal = a.T @ a + strength * np.diag(size**2)
-        expected = np.linalg.solve(normal, a.T @ y + strength * size**2 * prior)
-        assert ridge(a, y, strength, prior) == pytest.approx(expected, rel=1e-8)
-    assert ridge(a, y, 1e12, prior) == pytest.approx(prior, rel=1e-6)
-
-
-def test_ridge_helps_where_columns_hardly_differ_and_not_elsewhere() -> None:
-    rng = np.random.default_rng(7)
-    blocks = [item.rows for item in intervals(stacked(1, [100]), 5)]
-    a = rng.standard_normal((100, 3))
-    near = a.copy()
-    near[:, 1] = near[:, 0] + 1e-2 * rng.standard_normal(100)
-    strength, errors = chosen_strength(near, near @ [1.0, 1.0, 1.0] + rng.standard_normal(100), blocks)
-    assert strength > STRENGTHS[0]
-    assert errors[STRENGTHS.index(strength)] == errors.min() < errors[0]
-    clear, _ = chosen_strength(a, a @ [5.0, -5.0, 5.0] + 0.01 * rng.standard_normal(100), blocks)
-    assert clear < 1e-4
-
-
 @pytest.fixture(scope="module")
 def tx40() -> tuple[didim.Experiment, didim.Identification]:
     """A log, and its estimate by least squares."""
@@ -110,7 +82,7 @@ def tx40() -> tuple[didim.Experiment, didim.Identification]:
     return log, didim.identify(log)
 
 
-@pytest.mark.parametrize("name", ["huber", "bisquare", "ridge"])
+@pytest.mark.parametrize("name", ["huber", "bisquare"])
 def test_they_are_solvers_of_the_methods(
     tx40: tuple[didim.Experiment, didim.Identification], name: str
 ) -> None:
@@ -122,8 +94,3 @@ def test_they_are_solvers_of_the_methods(
     assert fit.uncertainty is not None
     assert fit.uncertainty.kind == "jackknife"
     assert np.median(fit.std / direct.std) == pytest.approx(1.0, abs=0.3)
-
-
-def test_ridge_refuses_a_negative_strength() -> None:
-    with pytest.raises(didim.errors.FitError, match="strength must be a finite number of at least 0, got -1"):
-        Ridge(-1.0)

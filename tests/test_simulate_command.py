@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from pathlib import Path
@@ -18,7 +17,7 @@ from didim.methods.identify import identify
 from didim.robot.robot_file import load_robot
 from didim.signal.filters import differentiate
 from didim.signal.processing import SignalProcessing
-from didim.studies.run import SimulationReport, recording_errors, simulate_experiment
+from didim.studies.run import recording_errors, simulate_experiment
 from scripts import one_line
 
 OWN_MOTION = """\
@@ -326,17 +325,6 @@ def test_wrong_input_is_one_line_and_exit_2(
         main(["simulate", str(arm)])
     assert caught.value.code == 2
     assert "the following arguments are required: --parameters" in one_line(capsys)
-
-
-def test_interrupted_is_exit_130(
-    arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*arguments: object) -> SimulationReport:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(importlib.import_module("didim.studies.run"), "simulate_experiment", interrupted)
-    assert simulate(arm) == 130
-    assert one_line(capsys) == "didim: interrupted"
 
 
 # --- Which recording ----------------------------------------------------------------------------------------------------

@@ -272,7 +272,7 @@ def test_pictures_of_nothing_are_refused() -> None:
 def test_the_report_has_tables_pictures_and_failures() -> None:
     page = render(results())
     assert page == render(results())
-    assert page.count('role="img"') == 3
+    assert page.count('<img class="picture"') == 3
     assert "no &lt;robot&gt;" in page
     assert "method 1" in page
 

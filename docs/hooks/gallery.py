@@ -1,6 +1,6 @@
 """Hook of mkdocs: the Python of the gallery runs when the pages are built, and each block's `figure` stands below it.
 
-The pictures are not files of the project. They are those of reports, whose panels a phone stacks.
+The pictures are not files of the project but those of reports.
 Tested in ``tests/test_pages.py``.
 """
 

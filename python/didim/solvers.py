@@ -2,7 +2,6 @@
 
 from .regression.classical.solvers import Bisquare as Bisquare
 from .regression.classical.solvers import Huber as Huber
-from .regression.classical.solvers import Ridge as Ridge
 from .regression.consistent.bounds import Bounds as Bounds
 from .regression.consistent.prior import Prior as Prior
 from .regression.consistent.solver import Consistent as Consistent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -121,3 +122,10 @@ def save_json(path: str | Path, content: object, sources: Iterable[str] = ()) ->
     """
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(Path(path), text + "\n", sources)
+
+
+def save_npz(path: str | Path, arrays: Mapping[str, Any], sources: Iterable[str] = ()) -> None:
+    """Write arrays as NumPy's ``.npz``; whole or not at all, and errors, as of `save_json`."""
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    write_atomically(Path(path), content.getvalue(), sources)

@@ -37,6 +37,8 @@ def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
             value = positive(key.name, value, error, "frequency" if key.unit == "Hz" else "number")
             if key.minimum is not None and value < key.minimum:
                 raise error(f"{key.name} must be at least {key.minimum:g}, got {brief(repr(value))}")
+        elif key.type == "true or false":
+            one_of(key.name, value, (True, False), error)
         elif key.choices:
             one_of(key.name, value, key.choices, error)
         object.__setattr__(settings, setting.name, value)

@@ -26,6 +26,7 @@ def add(commands: Commands) -> None:
         "didim export fit.json --urdf arm.urdf -o new.urdf",
         "didim export fit.json --mjcf -o arm.xml",
         "didim export fit.json --mjcf go2.xml -o go2_fit.xml --for-step 0.002",
+        "didim export fit.json --samples 1000 -o draws.npz",
         "didim export fit.json --c --prefix arm_ -o arm.h",
     )
     add_option(parser, "fit FIT.json", "result of an identification", Path, nargs="?")
@@ -54,7 +55,7 @@ def add(commands: Commands) -> None:
     add_option(
         parser,
         "--for-step H",
-        "with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
+        "with --mjcf ROBOT.xml, --mjlab, --isaac-lab, --samples: step of the simulator (s), by which its integrator shifts values",
         float,
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
@@ -64,6 +65,10 @@ def add(commands: Commands) -> None:
         "with --c: velocity (rad/s or m/s) of a tanh in the place of the sign of Coulomb friction",
         float,
     )
+    add_flag(
+        parser, "--ranges", "with --mjlab and --isaac-lab: events that randomise what was estimated, too"
+    )
+    parser.add_argument("--seed", type=int, help="with --samples: of NumPy's generator (default: 0)")
     add_option(parser, "-o --output FILE", "new file (default: stdout)", Path)
     add_flag(parser, "--force", "overwrite an existing file")
     add_flag(
@@ -93,6 +98,12 @@ def _add_forms(form: Options) -> None:
         nargs="?",
         const="",
     )
+    add_option(
+        form,
+        "--samples N",
+        "write N correlated draws of what was estimated, with ranges: -o NAME.npz or NAME.json",
+        int,
+    )
     add_flag(form, "--sdf", "write SDF, the format of Gazebo and Drake")
     add_flag(form, "--c", "write a C99 header: torques, M(q) and gravity")
     add_flag(form, "--latex", "write the equations of a robot of up to three joints as LaTeX")
@@ -108,13 +119,19 @@ def _wrong(options: argparse.Namespace) -> str | None:
         return "--prefix is for --c"
     if options.smoothing is not None and not options.c:
         return "--smoothing is for --c"
+    if options.ranges and not (options.mjlab or options.isaac_lab):
+        return "--ranges is for --mjlab and --isaac-lab"
+    if options.seed is not None and options.samples is None:
+        return "--seed is for --samples"
     if options.payload is not None and options.fit is None:
         return "--payload is for a result, FIT.json, which has payloads"
     if options.keep_lumped and options.urdf is None:
         return "--keep-lumped is for --urdf"
-    steps = options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab
+    steps = (
+        options.mjcf not in (None, NEW) or options.isaac_lab or options.mjlab or options.samples is not None
+    )
     if options.for_step is not None and not (steps and 0.0 < options.for_step <= 1.0):
-        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
+        return "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab, --isaac-lab and --samples"
     return None
 
 
@@ -137,6 +154,8 @@ def run(options: argparse.Namespace) -> int:
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
     servos = (into or options.urdf) and options.fit is not None and _has_servos(options.fit)
+    if options.samples is not None:
+        return _samples(options)
     if options.bam is not None:
         return _bam(options)
     if simulators or servos:
@@ -180,10 +199,11 @@ def _has_servos(fit: Path) -> bool:
 
 def _drives(options: argparse.Namespace) -> int:
     """Write the drives of a result for a simulator."""
-    from ..export.configuration import isaac_lab, mjlab
+    from ..export.configuration import isaac_lab, mjlab, ranges_of
     from ..export.drives import for_step, read_drives
     from ..export.urdf import edit_dynamics
     from ..export.write import into_mjcf
+    from ..result.identification import Identification
 
     if options.payload is not None:
         return refuse("--payload is for forms with links: a URDF, MJCF, SDF or C of a result on torques")
@@ -194,11 +214,11 @@ def _drives(options: argparse.Namespace) -> int:
     drives, step = read_drives(options.fit).plain_servos(), options.for_step
     if options.urdf is not None:
         content = edit_dynamics(drives, options.urdf)
-    elif options.mjlab:
-        drives = drives if step is None else for_step(drives, step, "implicitfast")
-        content = mjlab(drives, step).encode()
     else:
-        content = isaac_lab(drives, step).encode()
+        if options.mjlab and step is not None:
+            drives = for_step(drives, step, "implicitfast")
+        ranges = ranges_of(drives, Identification.load(options.fit).samples()) if options.ranges else None
+        content = (mjlab if options.mjlab else isaac_lab)(drives, step, ranges).encode()
     return _written(options.output, content, f"{drives}")
 
 
@@ -226,6 +246,28 @@ def _bam(options: argparse.Namespace) -> int:
     for path, content in zip(paths, contents.values(), strict=True):
         saved.write(path, content)
     return saved.end(f"{drives}")
+
+
+def _samples(options: argparse.Namespace) -> int:
+    """Write draws of a result, of links with the prior that its robot has."""
+    from ..export.drives import read_drives, samples_for_step
+    from ..export.source import fitted_robot
+    from ..result.identification import Identification
+    from ..result.samples import SUFFIXES
+
+    named = options.output is not None and options.output.suffix in SUFFIXES
+    if options.fit is None or options.payload is not None or not named:
+        return refuse(
+            "--samples is for a result, FIT.json, without payloads, and needs -o NAME.npz or NAME.json"
+        )
+    fit, more = Identification.load(options.fit), {}
+    if options.prior not in (None, "generic"):
+        more = {"prior": options.prior, "robot": fitted_robot(fit, options.fit, options.robot)}
+    samples, saved = fit.samples(options.samples, seed=options.seed or 0, **more), Saved()
+    if options.for_step is not None:
+        samples = samples_for_step(samples, read_drives(options.fit), options.for_step)
+    saved.save(options.output, samples.save)
+    return saved.end(f"{samples}", verdict=fit.verdict)
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:

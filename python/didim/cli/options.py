@@ -170,7 +170,7 @@ def add_regression(parser: Options) -> None:
     add_option(
         parser,
         "--solver NAME",
-        "solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, ridge, consistent or "
+        "solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, consistent or "
         "module:object (default: least-squares; consistent for didim)",
     )
 

@@ -44,8 +44,9 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
+    from .._tools.saved import plain
     from ..experiment.experiment_file import load_experiment
-    from ..methods.positions.replay import error_lines, position_errors, replayed
+    from ..methods.positions.replay import error_lines, horizon_errors, position_errors, replayed
     from ..result.identification import Identification
     from ..result.positions.record import PositionRecord
     from ..studies.validation import validate
@@ -71,9 +72,9 @@ def run(options: argparse.Namespace) -> int:
             return refuse(
                 "--report is not for a result on positions: didim identify --report has its pictures"
             )
-        errors = position_errors(replayed(fit, experiment))
-        saved.save_json(options.json, {"position_errors": errors})
-        return saved.end("\n".join(error_lines(errors)))
+        errors, ahead = position_errors(replayed(fit, experiment)), horizon_errors(fit, experiment)
+        saved.save_json(options.json, plain({"position_errors": errors, "horizon_errors": ahead}))
+        return saved.end("\n".join(error_lines(errors, ahead)))
     validation = validate(fit, experiment)
     saved.save_json(options.json, validation.to_dict())
     saved.save_report(options.report, validation, experiment)

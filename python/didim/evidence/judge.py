@@ -13,15 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, rms
 from ..errors import DidimError
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
-from ..result.finding import Finding
+from ..regression.friction.choice import further_laws
+from ..regression.least_squares import estimated
+from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
+from ..result.sentences import MISSING
 from ..result.verdict import Use
+from ..robot.friction import KEYS
 from ..robot.payload import NOTHING
 from ..robot.robot import Robot
+from ..signal.noise import coarsest_steps
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window
 from ..terms.model import Model
@@ -143,7 +148,11 @@ def _along(
     if residual is None:
         return fit, findings, []
     growth = 1.0
-    if rows is not None:
+    held = np.zeros(0) if fit.uncertainty is None else fit.uncertainty.unseen
+    if held.size:
+        size = rms(residual.error.T)
+        growth = float(np.linalg.norm(held * size) / max(float(np.linalg.norm(size)), np.finfo(float).tiny))
+    elif rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
     findings = [*findings, *size_findings(residual, growth, chosen=_chosen(fit))]
     if measured is not by_law:
@@ -174,7 +183,7 @@ def _along(
     by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
     if explicable and by_law_rows is not None and by_law is not None:
         findings = [finding for finding in findings if finding.code != "friction"]
-        findings += friction_findings(by_law_rows, fit, chosen=_chosen(fit))
+        findings += _friction(by_law_rows, by_law, fit)
     uses, uncertain = uses_of(measured.robot, fit, parts, residual, signal, growth, measured.system)
     return fit, [*findings, *uncertain], uses
 
@@ -229,13 +238,47 @@ def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> 
     named = cause_findings(rows, cause)
     if cause is not None and cause.certain:
         return named
-    chosen = fit is not None and _chosen(fit)
-    return [
-        *named,
-        *_delay(rows, fit),
-        *friction_findings(rows, fit, chosen=chosen),
-        *unchecked(rows),
-    ]
+    return [*named, *_delay(rows, fit), *_friction(rows, measured, fit), *unchecked(rows)]
+
+
+def _friction(rows: LogRows, measured: Measured, fit: Identification | None) -> list[Finding]:
+    """Return friction that the model lacks; beside laws that it has, further ones are tried on blocks left out first."""
+    found = friction_findings(rows, fit, chosen=fit is not None and _chosen(fit))
+    if not measured.robot.friction.terms:
+        return found
+    return [_tried(finding, rows, measured) if finding.grade == "doubtful" else finding for finding in found]
+
+
+def _tried(finding: Finding, rows: LogRows, measured: Measured) -> Finding:
+    """Return a finding on missing friction as that of the joints where blocks support a further law; a note if there is none."""
+    steps = coarsest_steps(recording.measured_positions() for recording in rows.recordings)
+    joints = [joint - 1 for joint in finding.joints]
+    with suppress(DidimError):
+        found = further_laws(measured.logs, measured.parts, measured.signal, estimated, steps, joints)
+        found = {
+            joint: own for joint, laws in found.items() if (own := tuple(law for law in laws if law in KEYS))
+        }
+        if found:
+            seen = {joint - 1: law for law, where in finding.facts["laws"].items() for joint in where}
+            named: dict[str, list[int]] = {}
+            added: dict[str, list[int]] = {}
+            for joint, supported in found.items():
+                # What the test sees as a law may be a sign that is kept.
+                law = next((law for law in supported if law in MISSING), seen[joint])
+                named.setdefault(law, []).append(joint + 1)
+                for law in supported:
+                    added.setdefault(KEYS[law], []).append(joint + 1)
+            key, where = next(iter(added.items()))
+            return replace(
+                finding,
+                joints=tuple(joint + 1 for joint in found),
+                remedy=Remedy(
+                    file="experiment", table="[friction]", key=key, action="add", joints=tuple(where)
+                ),
+                facts={**finding.facts, "laws": named, "law": next(iter(named)), "add": added},
+            )
+        return replace(finding, grade="note", remedy=None, facts={**finding.facts, "refused": True})
+    return finding
 
 
 def _chosen(fit: Identification) -> bool:

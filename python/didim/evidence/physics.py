@@ -25,7 +25,7 @@ def physical_findings(flags: Sequence[Flag]) -> list[Finding]:
         advice = (
             "Look at the sign of that torque, and at the friction terms"
             if friction
-            else "Take physical = true (--physical) for parameters that a simulation can use"
+            else "Write physical = true under [least_squares] (--physical) for parameters that a simulation can use"
         )
         findings.append(
             Finding(

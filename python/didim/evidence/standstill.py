@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from .._tools.arrays import Array, quotient, true_ranges
+from .._tools.arrays import quotient
 from .._tools.words import series
+from ..regression.friction.candidates import LEAST_REST, at_rest
 from ..result.finding import Finding, worded
 from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.window import Window
 from .rows import LogRows
 from .thresholds import FRICTION_SHIFT
-
-SLOW = 0.005
-"""Speed, as a share of the top speed, below which a joint stands still if this lasts for `LONG_S`."""
-LONG_S = 0.1
-"""Shortest standstill (s): a reversal takes less."""
-LARGEST_SHARE = 0.05
-"""Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log
-(docs/published.md)."""
 
 
 def check_standstill(
@@ -33,11 +25,9 @@ def check_standstill(
 
     With rows and a result it is doubtful where parameters move without the rows at rest, by `FRICTION_SHIFT` of their deviations.
     """
-    if robot.friction.coulomb != "sign":
-        return []
-    at_rest = _at_rest(robot, parts)
-    shares = np.mean(np.concatenate(at_rest), axis=0)
-    joints = [int(joint) for joint in np.flatnonzero(shares > LARGEST_SHARE)]
+    rests = at_rest(robot, parts)
+    shares = np.mean(np.concatenate(rests), axis=0)
+    joints = [int(joint) for joint in np.flatnonzero(shares > LEAST_REST)]
     if not joints:
         return []
     effect = None if rows is None or fit is None else _effect(rows, fit)
@@ -59,24 +49,9 @@ def check_standstill(
     ]
 
 
-def _at_rest(robot: Robot, parts: Sequence[Window]) -> list[Array]:
-    """Return 1 where a joint stands still for long, without dead zone or kept sign, (n_samples, n_dof) of each part."""
-    found = [np.zeros_like(part.dq) for part in parts]
-    held = [term.joint for term in robot.friction.terms if term.law == "hold"]
-    for joint in range(robot.n_dof):
-        if robot.friction.dead_zone[joint] > 0.0 or joint in held:
-            continue
-        top = max(float(np.abs(part.dq[:, joint]).max()) for part in parts)
-        for part, own in zip(parts, found, strict=True):
-            slow = np.abs(part.dq[:, joint]) < SLOW * top
-            for start, stop in true_ranges(slow, math.ceil(LONG_S * part.rate_hz)):
-                own[start:stop, joint] = 1.0
-    return found
-
-
 def _effect(rows: LogRows, fit: Identification) -> float:
     """Return the largest change of a parameter without the rows at rest, in its standard deviations."""
-    moving = rows.reduced(_at_rest(rows.robot, rows.parts)) < 0.5
+    moving = rows.reduced(at_rest(rows.robot, rows.parts)) < 0.5
     error = np.sqrt(np.mean(np.square(rows.y - rows.w @ rows.declared.beta), axis=1))
     weight = quotient(np.ones_like(error), error)[:, None]
     solutions = []

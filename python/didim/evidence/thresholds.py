@@ -2,7 +2,7 @@
 
 D of causes was chosen on 42 logs of other robots. All public logs of docs/verdict.md were looked at while size and friction were
 chosen: TX40, EMPS, UR10e, UR10, KR300 and Panda; TIAGo and stretches of all chose `ROBOT`, `HEALED` and `GROWN`. So these logs only
-count as examples; independent are the simulated arms of ``benches/verdicts.py``. Tested in ``tests/test_turning_points.py``.
+count as examples; independent are the simulated arms of ``benches/verdicts.py``. Tested in ``tests/test_thresholds.py``.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ def uses_of(
             None,
             False,
             f"M(q) is not positive definite in {percent(float(np.mean(~definite)))} % of the positions within the log's range: "
-            "take physical = true (--physical)",
+            "write physical = true under [least_squares]",
         ),
         _gravity(still, missed / root, evidence),
         Use("control", share, True, why),

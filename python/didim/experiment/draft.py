@@ -33,7 +33,7 @@ from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
 from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
-from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences
+from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences, physical_lines
 from .draft_servos import payload_lines, servo_lines
 from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
@@ -214,12 +214,13 @@ def _tables(
     if all(writer.positions_only for writer in chosen.writers):
         return [*chosen.lines, *servo_lines(robot, logs, options.servo, draft.read)], []
     friction, delay = [], []
-    # The error of a plain fit is not known with load friction, which needs an estimate first.
+    # The error of a plain fit is not known with load friction, which needs an estimate first; laws need known drive gains.
     fitted = chosen.filters is not None and (chosen.filters.error is not None or robot.friction.has_load)
+    fitted &= all(recording.drives is None for recording in chosen.recordings)
     if fitted and chosen.filters is not None and not options.plain:
         try:
             fit = fitted_friction(robot, chosen.recordings, chosen.filters.signal, say)
-            friction, delay = friction_lines(robot, fit), delay_lines(fit)
+            friction, delay = friction_lines(robot, fit), [*delay_lines(fit), *physical_lines(fit)]
             draft.read += friction_sentences(fit)
         except DidimError as reason:  # a log that says too little has its plain friction
             draft.read.append(f"no friction law was tried: {reason}")

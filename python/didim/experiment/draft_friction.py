@@ -8,22 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from .._tools.arrays import Array
 from .._tools.toml import quoted
 from .._tools.words import percent_text, series
 from ..log.recording import Recording
 from ..regression.friction.choice import REFUSED, FirstFit, TermGain, first_fit
-from ..regression.least_squares import solve
-from ..regression.settings import LeastSquaresSettings
+from ..regression.least_squares import estimated
 from ..robot.friction import KEYS, FrictionTerm
 from ..robot.robot import Robot
-from ..signal.noise import encoder_step
+from ..signal.noise import coarsest_steps
 from ..signal.processing import SignalProcessing
 from ..signal.window import Window, windows_of
 from ..terms.model import Model
-from ..terms.rows import LinearSystem
 
 
 def fitted_friction(
@@ -55,12 +50,8 @@ def fitted_friction(
             for part in windows_of(recording, signal, number=number, delay=delay)
         ]
 
-    def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, LeastSquaresSettings(uncertainty="white"))  # only the estimate is used
-        return fit.solution, fit.weights
-
-    steps = np.max([encoder_step(recording.measured_positions()) for recording in recordings], axis=0)
-    return first_fit(Model(robot), windows, signal, solved, steps, say)
+    steps = coarsest_steps(recording.measured_positions() for recording in recordings)
+    return first_fit(Model(robot), windows, signal, estimated, steps, say)
 
 
 def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
@@ -73,10 +64,13 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
     tables: dict[str, list[str]] = {"friction": [], "springs": []}
     if fit.rest is not None:
         what = fit.rest.parameter
-        speeds = dict(zip(robot.joint_kinds, getattr(friction, what), strict=True))
-        units = {"revolute": "rad_s", "prismatic": "m_s"}
         tables["friction"] += [f"# {_gains([fit.rest])}", f'coulomb = "{friction.coulomb}"']
-        tables["friction"] += [f"{what}_{units[kind]} = {speed:g}" for kind, speed in speeds.items()]
+        for kind, unit in (("revolute", "rad_s"), ("prismatic", "m_s")):
+            pairs = zip(getattr(friction, what), robot.joint_kinds, strict=True)
+            speeds = [speed * (own == kind) for speed, own in pairs]
+            if any(speeds):
+                alike = speeds.count(max(speeds)) == robot.joint_kinds.count(kind)
+                tables["friction"].append(f"{what}_{unit} = {max(speeds) if alike else speeds}")
     for law, key in (*KEYS.items(), ("spring", "linear")):
         terms = sorted((term for term in chosen if term.law == law), key=lambda term: term.joint)
         if terms:
@@ -144,6 +138,18 @@ def delay_lines(fit: FirstFit) -> list[str]:
         "",
         "[delay]",
         f"compensate_samples = {fit.samples:.3g} # after friction; left-out blocks: -{_percent(fit.delay.gain)} % squared error",
+    ]
+
+
+def physical_lines(fit: FirstFit) -> list[str]:
+    """Return the table with which `identify` solves among parameters of a robot, as laws were chosen; none without laws."""
+    if not fit.choice.gains:
+        return []
+    return [
+        "",
+        "# The laws were chosen among parameters of robots, and are fitted among these.",
+        "[least_squares]",
+        "physical = true",
     ]
 
 

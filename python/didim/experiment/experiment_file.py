@@ -132,7 +132,7 @@ def read_experiment(
     path: Path,
     *,
     robot: Robot | None = None,
-    data: Path | str | DataFolder | None = None,
+    data: Path | str | None = None,
     faults: list[tuple[str, TimeFault]] | None = None,
     digests: Mapping[str, str] | None = None,
 ) -> Experiment:
@@ -171,7 +171,7 @@ def read_experiment(
     table.done()
 
     reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
-    folder = data if isinstance(data, DataFolder) else DataFolder(Path(path.parent if data is None else data))
+    folder = DataFolder(Path(path.parent if data is None else data))
     recordings: list[Recording] = []
     for i, part in enumerate(recording_tables):
         for expanded_part, title in expanded(part, f"recording {i + 1}", folder.folder):

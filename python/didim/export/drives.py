@@ -11,18 +11,19 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from .._tools.words import brief, columned, did_you_mean, series
 from ..errors import FitError
 from ..experiment.unknown import SOFT
+from ..methods.positions.intervals import HALF
 from ..result.identification import Identification
+from ..result.samples import Samples
 from ..robot.friction import Friction
 from .bodies import WORDS, ExportModel, joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
-HALF = 0.5
-"""Share of a time step by which an implicit velocity is late, and a command early."""
-
 STUCK_CREEP_S = 5e-6
 """Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
 MOST_SHIFT = 1.0
@@ -318,6 +319,34 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
     if any(drive.per_step for drive in drives.joints):
         sentence += "; other values change too, as the armature does not while servos saturate"
     return Drives(tuple(shifted), (*drives.sentences, sentence), drives.followers)
+
+
+def samples_for_step(samples: Samples, drives: Drives, step_s: float) -> Samples:
+    """Return samples that compensate for a step (s) of the integrator ``implicitfast``, draw by draw as `for_step` does for drives.
+
+    `drives` are those of the result: what was not estimated. An armature is zero where a step takes more than it off.
+    """
+    places = {(kind, joint): k for k, kind in enumerate(samples.kinds) for joint in samples.joints[k]}
+    x = np.vstack([samples.estimate, samples.values])
+    moved = x.copy()
+    for drive in drives.joints:
+        damping = sum(
+            x[:, places[kind, drive.joint]]
+            if (kind, drive.joint) in places
+            else getattr(drive, FIELDS[kind]) or 0.0
+            for kind in ("Fv", "kv")
+        )
+        if (k := places.get(("Ia", drive.joint))) is not None:
+            moved[:, k] = np.maximum(x[:, k] - HALF * step_s * damping, 0.0)
+    for k, kind in enumerate(samples.kinds):
+        own = [
+            drive.per_step.get(FIELDS.get(kind, ""), 0.0)
+            for drive in drives.joints
+            if drive.joint in samples.joints[k]
+        ]
+        change = own[0] if own else 0.0
+        moved[:, k] += step_s * (HALF if kind == "delay_s" else change)
+    return replace(samples, estimate=moved[0], values=moved[1:])
 
 
 def read_drives(path: Path) -> Drives:

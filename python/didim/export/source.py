@@ -92,8 +92,7 @@ def exported_parameters(
         x = load_parameters(model, parameters) if is_file(parameters) else model.parameter_set(parameters)
         return Source(model, x, model.notes)
     result = Identification.load(fit)
-    found = _candidate(result, fit, urdf) if robot is None else load_robot(robot)
-    model = _with_friction(found, result, as_fitted=further_terms)
+    model = fitted_robot(result, fit, robot, urdf, as_fitted=further_terms)
     x, notes = _by_name(result, result.parameters, model, fit)
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
@@ -139,8 +138,15 @@ def carried(fit: Identification, robot: Robot, payload: str | None) -> tuple[Arr
     return load, sentences
 
 
-def _with_friction(robot: Robot, fit: Identification, *, as_fitted: bool) -> Robot:
-    """Return the robot with the friction of a result, as needed by its base parameters; its sign and dead zones if `as_fitted`."""
+def fitted_robot(
+    fit: Identification, path: Path, given: str | None, urdf: Path | None = None, *, as_fitted: bool = False
+) -> Robot:
+    """Return the robot of a result, or the one given, with the friction that its base parameters need.
+
+    `path` is the file of the result, and `urdf` the URDF or MJCF that is edited; `as_fitted` takes the friction's sign and dead
+    zones too.
+    """
+    robot = _candidate(fit, path, urdf) if given is None else load_robot(given)
     saved = fit.settings.get("robot", {}).get("friction", {})
     options = {key: saved[key] for key in ("model", "coulomb", "coupling") if key in saved}
     if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters

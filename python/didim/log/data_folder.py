@@ -7,7 +7,7 @@ A ``[[recording]]`` with a ``*`` in its file names is one recording per match. T
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -39,10 +39,10 @@ class Source:
 
 
 class DataFolder:
-    """Opens each data file once by `opened`, however many tables read from it."""
+    """Opens each data file once, however many tables read from it."""
 
-    def __init__(self, folder: Path, opened: Callable[..., DataFile] = open_data_file) -> None:
-        self.folder, self._opened = folder, opened
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._files: dict[tuple[Any, ...], DataFile] = {}
 
     def source(self, kind: str, table: Table, count: int, joints: Sequence[str] = ()) -> Source:
@@ -71,7 +71,7 @@ class DataFolder:
         columns = _columns(table, count, joints)
         key = (*names, *options.values(), width)
         if key not in self._files:
-            files = [self._opened(self.folder / name, name, **options) for name in names]
+            files = [open_data_file(self.folder / name, name, **options) for name in names]
             file: DataFile = OneColumnAFile(files) if isinstance(table.raw("file"), list) else files[0]
             self._files[key] = file if width is None else OneValueALine(file, width)
         file = self._files[key]

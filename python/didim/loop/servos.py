@@ -7,6 +7,7 @@ Tested in ``tests/test_positions.py``.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,6 +98,8 @@ class Servos:
         Rate b (1/s) of that friction.
     lead_s : float
         Inertia that a servo adds while it saturates, over kv (s): minus half a step for a simulator that takes kv implicitly.
+    begin_s : (n_candidates,) array or float
+        Time of the reference (s) at which a candidate begins.
     """
 
     kp: Array
@@ -110,6 +113,7 @@ class Servos:
     softness: Array | float = 0.0
     rate: Array | float = 0.0
     lead_s: float = 0.0
+    begin_s: Array | float = 0.0
 
 
 class ServoLoop:
@@ -153,6 +157,14 @@ class ServoLoop:
         }
         self._loops: dict[tuple[float, ...], ClosedLoop] = {}
 
+    def ahead(self, count: int) -> ServoLoop:
+        """Return the same loop over `count` samples from any time of the reference on, with fine steps throughout."""
+        other, still = copy(self), np.zeros((count + 1, self.robot.n_dof))
+        other._motion = Reference.sampled(still, rate_hz=self.held.rate_hz)
+        other._options = {**self._options, "duration_s": count / self.held.rate_hz}
+        other._loops = {}
+        return other
+
     def loop(self, *delays_s: float) -> ClosedLoop:
         """Return the closed loop with steps that end at the jumps of the delayed references."""
         if delays_s not in self._loops:
@@ -183,10 +195,12 @@ class ServoLoop:
         delays_s = np.median(servos.delay_s if saturates else servos.delay_s[:1], axis=1)
         loop = self.loop(*np.unique(delays_s).tolist())
         edges = loop.schedule.edges
-        pairs = np.concatenate([servos.delay_s, servos.lag_s], axis=1)
-        kinds, number = np.unique(pairs, axis=0, return_inverse=True)
+        begin = np.broadcast_to(np.reshape(servos.begin_s, (-1, 1)), (len(x), 1))
+        kinds, number = np.unique(
+            np.concatenate([servos.delay_s, servos.lag_s, begin], axis=1), axis=0, return_inverse=True
+        )
         n = self.robot.n_dof
-        targets = np.concatenate([self.held.means(edges, row[:n], row[n:]) for row in kinds])
+        targets = np.concatenate([self.held.means(edges + row[-1], row[:n], row[n:-1]) for row in kinds])
         b = servos.bias_rad
         rows = [
             servos.kp,

@@ -19,7 +19,7 @@ from ..experiment.loop import recordings_of
 from ..regression.friction.candidates import LEAST_WARMING
 from ..regression.friction.choice import REFUSED, FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
-from ..signal.noise import encoder_step
+from ..signal.noise import coarsest_steps
 from ..signal.window import Window
 from .job import Delay
 from .method import Method, MethodSettings
@@ -143,13 +143,8 @@ def with_known_friction(
         return replace(experiment, robot=refined.robot), FoundFriction(refined.velocities)
     say("choosing friction terms by their error on held-out blocks")
     parts = windows(job.declared_delay)
-    steps = np.max(
-        [
-            encoder_step(experiment.recordings[k].measured_positions())
-            for k in {part.recording for part in parts}
-        ],
-        axis=0,
-    )
+    used = {part.recording for part in parts}
+    steps = coarsest_steps(experiment.recordings[k].measured_positions() for k in used)
     choice = choose_terms(job.model, parts, job.signal, job.estimate, steps)
     chosen = replace(experiment, robot=robot.with_terms(choice.friction.terms))
     if job.delay_setting == "estimate":

@@ -18,7 +18,7 @@ from ..model.dynamics import inverse_dynamics
 from ..regression.delay import DelayEstimate, Moved, Observed, estimate_delay
 from ..regression.fit import Fit, Progress
 from ..regression.friction.velocity import settled, with_slopes
-from ..regression.least_squares import solve
+from ..regression.least_squares import estimated
 from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
 from ..result.iteration import HeldOut
@@ -162,8 +162,7 @@ class Job:
 
     def estimate(self, system: LinearSystem) -> tuple[Array, Array]:
         """Return plain least squares of a system (7), (n,), and the weights of its rows, (r,)."""
-        fit = solve(system, replace(self.settings, uncertainty="white"))  # only the estimate is used
-        return fit.solution, fit.weights
+        return estimated(system, self.settings)
 
     def solve(self, system: LinearSystem, progress: Progress | None = None) -> Fit:
         """Solve a system (7) with the solver of this run."""

@@ -229,8 +229,16 @@ class FitSettings(MethodSettings):
         return "consistent" if physical else "least-squares"
 
     def for_logs(self, experiment: Experiment) -> Self:
-        """Return the settings, with plain least squares instead of a physical default if drive gains are unknown."""
-        if self.solver is not None or self.physical is not None or not self.physical_by_default:
+        """Return the settings with the solver of (7) that the logs ask for, where none is given.
+
+        Laws that are chosen from a log are chosen under the conditions of a robot: without these, laws and links explain
+        each other's torque. Unknown drive gains are estimated by plain least squares.
+        """
+        if self.solver is not None or self.physical is not None:
             return self
-        known = all(recording.drives is None for recording in experiment.recordings)
-        return self if known else replace(self, physical=False)
+        physical = experiment.least_squares.physical
+        if physical is None:
+            chosen = self.friction == "auto" or experiment.robot.friction.auto
+            known = all(recording.drives is None for recording in experiment.recordings)
+            physical = known and (self.physical_by_default or chosen)
+        return self if physical == self.physical_by_default else replace(self, physical=physical)

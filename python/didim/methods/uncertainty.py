@@ -23,12 +23,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, quotient, rms
 from .._tools.words import counted
 from ..model.dynamics import inverse_dynamics
 from ..regression.covariance import Branches, Factors, covariance, independent, intervals, rescaled
 from ..regression.fit import Fit
 from ..regression.friction.alarm import Along, FrictionAlarm, Sliding, bounded
+from ..regression.friction.screen import BLOCKS
 from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
 from ..signal.filters import derivatives, differentiate
@@ -108,6 +109,14 @@ def spread_of_fit(
     coloured = any(block.correlation is not None for block in system.blocks)
     known: Kind = "decimated" if coloured and settings.uncertainty != "white" else "white"
     spread = spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
+    if fit.precision is not None and isinstance(factors, Factors) and spread.uncertainty is not None:
+        # Blocks that plain least squares could not do without are told by the prior and the constraints.
+        errors = factors.left_out([part.rows for part in intervals(system.blocks, BLOCKS)])
+        own, unseen = (
+            np.array([rms(values[rows]) for rows in system.joints]) for values in (factors.residual, errors)
+        )
+        growth = np.maximum(quotient(unseen, own, 1.0), 1.0)
+        spread = replace(spread, uncertainty=replace(spread.uncertainty, unseen=growth))
     return replace(spread, velocities=velocities)
 
 

@@ -219,6 +219,20 @@ class Factors:
         left = a @ root
         return cls(left, left, root, residual)
 
+    def left_out(self, blocks: Sequence[Rows]) -> Array:
+        """Compute the weighted residual of each block with the estimate without it, (r,): of least squares, held or not.
+
+        ``test_consistent.py`` compares with the constrained problem solved again without each block.
+        """
+        unseen = np.zeros(len(self.residual))
+        for rows in blocks:
+            part, own = self.left[rows], self.residual[rows]
+            values, vectors = np.linalg.eigh(part.T @ part)
+            remaining = np.where(values < LARGEST_EIGENVALUE, 1.0 - values, np.inf)
+            turned = part @ vectors
+            unseen[rows] = own + turned @ ((turned.T @ own) / remaining)
+        return unseen
+
     def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
         """Compute the estimates without each block, from the factors of the whole system.
 

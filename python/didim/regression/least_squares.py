@@ -109,6 +109,12 @@ def solve(
     )
 
 
+def estimated(system: LinearSystem, settings: LeastSquaresSettings | None = None) -> tuple[Array, Array]:
+    """Return the estimate of a system (7), (b,), and the weights of its rows, (r,), as of `solve`."""
+    fit = solve(system, replace(settings or LeastSquaresSettings(), uncertainty="white"))
+    return fit.solution, fit.weights
+
+
 @dataclass(frozen=True, eq=False)
 class Factored:
     """Least squares by QR, for all parts of a system.

@@ -37,6 +37,9 @@ class LeastSquaresSettings:
         decimation, with a variance per joint if the weights are; or (10) with the `variance` of (9), as in published figures.
     blocks : int
         Number of time blocks of the jackknife, at least 2; fewer if there are few rows, or where errors outlast blocks.
+    physical : bool, optional
+        Solve (7) under the conditions of a robot, by any method that solves it, CLOE does not; by default the method decides
+        (``test_identify.py``).
 
     Raises
     ------
@@ -49,6 +52,7 @@ class LeastSquaresSettings:
     variance: Variance = "r-b"
     uncertainty: UncertaintyKind = "jackknife"
     blocks: int = BLOCKS
+    physical: bool | None = None
 
     def __post_init__(self) -> None:
         check_declared(self, declared("experiment", "least_squares"), FitError)

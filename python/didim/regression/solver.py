@@ -50,7 +50,6 @@ SOLVERS: dict[str, SolverChoice] = {
     "least-squares": "didim.regression.least_squares:solve",
     "huber": "didim.regression.classical.solvers:Huber",
     "bisquare": "didim.regression.classical.solvers:Bisquare",
-    "ridge": "didim.regression.classical.solvers:Ridge",
     "consistent": "didim.regression.consistent.solver:CONSISTENT",
 }
 """Solvers by name, or their location "module:object", imported when they are used. A class has its default settings."""

@@ -18,9 +18,8 @@ from ..methods.table import title_of
 from ..plot.estimates import estimate_correlation
 from ..plot.motion import FEWEST_SPECTRUM_ROWS
 from ..plot.style import percent
-from ..result.delay_lines import delay_lines
 from ..result.identification import Identification
-from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
+from ..result.table import WELL_IDENTIFIED_PERCENT, aligned, delay_lines
 from ..result.verdict import State
 from ..studies.comparison import duration
 from ..studies.prediction import Prediction, predict, relative_errors

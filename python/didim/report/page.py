@@ -106,22 +106,9 @@ h2 { scroll-margin-top: 12px; }
 """
 
 PICTURE_STYLE = """\
-/* A picture is the entries of its legend and its panels in rows, all cut from one image, so that a phone can stack them. */
-.picture { max-width: 100%; print-color-adjust: exact; }
-.columns, .legend { display: flex; }
-.picture span { display: block; flex: none; background: var(--image) no-repeat; }
-.phone { display: none; max-width: 100%; }
-@media (max-width: 640px) {
-  .columns { flex-direction: column; }
-  .columns > span { width: 100% !important; }
-  .columns > .empty { display: none; }
-  .legend { flex-wrap: wrap; justify-content: center; margin: 0 0 6px !important; }
-  .legend > span { width: calc(var(--own) * 1px) !important; max-width: 100%; }
-  .picture.aside { width: 700px !important; max-width: none; }
-  /* One wide panel is drawn once more for a phone. */
-  .picture.wide > .columns { display: none; }
-  .picture.wide > .phone { display: block; }
-}
+/* A narrow screen scrolls a picture, so that its letters keep their size. */
+.picture { display: block; max-width: 100%; height: auto; print-color-adjust: exact; }
+@media (max-width: 640px) { .picture { max-width: none; } }
 """
 """Style of pictures, which the gallery of the documentation shares."""
 

@@ -178,24 +178,8 @@ class MovedToRobot:
         -----
         ``test_consistent.py`` compares with Clarabel, and checks intervals on simulated logs.
         """
-        if robot is None and isinstance(prior, str) and prior != "generic":
-            raise FitError(
-                f"a result keeps no parameter sets of its robot: prior={prior!r} needs the robot as well, "
-                "robot=didim.load_robot(...)"
-            )
-        known = recorded_robot(self.robot, self.settings) if robot is None else robot
-        if known.parameter_names != self.parameter_names:
-            raise FitError(f"the result is for robot {self.robot!r}, and the robot is {known.name!r}")
-        values = np.where([role == "fixed" for role in self.roles], self.beta, 0.0)
-        roles = zip(self.roles, values, strict=True)
-        model = Model(known, roles=dict(zip(known.base_parameters.names, roles, strict=True)))
-        nearest = nearest_robot(
-            model,
-            self.beta,
-            self.covariance,
-            Nearness(prior=prior, gamma=gamma, bounds=bounds, draws=draws, seed=seed),
-            np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom,
-        )
+        settings = Nearness(prior=prior, gamma=gamma, bounds=bounds, draws=draws, seed=seed)
+        known, model, nearest = self._nearest(settings, robot)
         moved: Self = replace(
             self,  # type: ignore[type-var]
             beta=known.base_parameters.project(nearest.x),
@@ -212,3 +196,19 @@ class MovedToRobot:
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},
         )
         return moved
+
+    def _nearest(self, settings: Nearness, robot: Robot | None) -> tuple[Robot, Model, NearestRobot]:
+        """Return the robot of the result, or the one given, its model, and the robot nearest to the estimate."""
+        if robot is None and isinstance(settings.prior, str) and settings.prior != "generic":
+            raise FitError(
+                f"a result keeps no parameter sets of its robot: prior={settings.prior!r} needs the robot as well, "
+                "robot=didim.load_robot(...)"
+            )
+        known = recorded_robot(self.robot, self.settings) if robot is None else robot
+        if known.parameter_names != self.parameter_names:
+            raise FitError(f"the result is for robot {self.robot!r}, and the robot is {known.name!r}")
+        values = np.where([role == "fixed" for role in self.roles], self.beta, 0.0)
+        roles = zip(self.roles, values, strict=True)
+        model = Model(known, roles=dict(zip(known.base_parameters.names, roles, strict=True)))
+        freedom = np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom
+        return known, model, nearest_robot(model, self.beta, self.covariance, settings, freedom)

@@ -23,18 +23,19 @@ from ..regression.friction.alarm import FrictionAtSpeeds, Sliding
 from ..robot.parameter_file import write_parameters
 from ..robot.parameters import friction_names
 from ..terms.unknown import Role
-from .consistent import MovedToRobot, recorded_robot, table_of
-from .delay_lines import delay_lines
+from .consistent import recorded_robot, table_of
 from .finding import Finding
 from .further import Further
 from .iteration import HeldOut, Iteration, Status
 from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
+from .samples import Sampled
 from .table import (
     WELL_IDENTIFIED_PERCENT,
     Estimates,
     Row,
+    delay_lines,
     error_rows,
     limb_headings,
     parameter_lines,
@@ -57,7 +58,7 @@ TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "v
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(InNotebook, MovedToRobot, Pickled):
+class Identification(InNotebook, Sampled, Pickled):
     """Identified parameters of a robot, their uncertainty and the errors on the log.
 
     All values are in SI units on the joint side. Tested in ``tests/test_identification.py``.
@@ -298,15 +299,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     def conclusion(self) -> str:
         """Ending of the identification, with the stopping rule."""
         return f"{self.status.value} {self.ending}".rstrip()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the robot's joints; empty where its file has none."""
-        return tuple(self._robot_record.get("joint_names", ()))
-
-    @property
-    def _robot_record(self) -> Mapping[str, Any]:
-        return cast(Mapping[str, Any], self.settings.get("robot", {}))
 
     @property
     def n_iterations(self) -> int:

@@ -186,6 +186,7 @@ LAWS = {
 }
 """Description of friction laws that a model may lack."""
 MISSING = {
+    "asymmetric": "friction of each direction",
     "stribeck": "Stribeck's law",
     "atan": "an arctangent",
     "load": "load friction",
@@ -201,6 +202,9 @@ def _friction(f: Finding) -> str:
     included = "intervals include it" if facts["included"] else "intervals are too narrow"
     # Results of version 0.3.0 name one law for all joints.
     laws = facts.get("laws", {})
+    if facts.get("refused"):
+        seen = f"the residual of {_joints(f)} looks like further friction"
+        return f"{seen}, but blocks left out support no further law; {included}"
     if len(laws) < 2:
         law = next(iter(laws), facts["law"])
         return (
@@ -213,6 +217,11 @@ def _friction(f: Finding) -> str:
 
 def _friction_advice(f: Finding) -> str:
     law = f.facts["law"]
+    if f.facts.get("refused"):
+        return ""
+    if f.facts.get("add"):
+        added = (f"{joints_text(j - 1 for j in joints)} to {key}" for key, joints in f.facts["add"].items())
+        return f"Add {series(added, MOST_NAMED)} under [friction]: blocks left out support it"
     if law == "asymmetric":
         return 'Write model = "asymmetric" under [friction]'
     terms = 'stribeck = true or terms = "auto"' if law == "stribeck" else 'terms = "auto"'
@@ -415,7 +424,7 @@ WORDS: dict[str, Words] = {
     ),
     "unidentified": (
         _uncertain,
-        "Record a richer or longer motion, drop parameters under [parameters], or take physical = true (--physical)",
+        "Record a richer or longer motion, drop parameters under [parameters], or write physical = true under [least_squares]",
     ),
     "constant-torque": (
         _constant_torque,

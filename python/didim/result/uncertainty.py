@@ -99,6 +99,8 @@ class Uncertainty(Pickled):
         Parameters of the friction laws with an estimated velocity.
     crossed : ndarray, shape (v, b + v)
         Covariance by noise of these velocities with the parameters and with each other.
+    unseen : ndarray, shape (n_dof,)
+        Of an estimate that a prior and constraints hold: error of ten blocks left out over that of the fit, by joint; else empty.
     """
 
     kind: Kind
@@ -115,11 +117,12 @@ class Uncertainty(Pickled):
     load: Array = field(default_factory=lambda: np.zeros(0))
     velocities: tuple[str, ...] = ()
     crossed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    unseen: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         make_read_only(
             self,
-            ("std_white", "joint_std", "deletions", "positions", "noise", "load", "crossed"),
+            ("std_white", "joint_std", "deletions", "positions", "noise", "load", "crossed", "unseen"),
             ("single_block",),
         )
 

@@ -8,7 +8,6 @@ TOML is a parameter set as a robot file has it; npz has the covariance too. Test
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
 from .._tools.inputs import open_npz, read_file
-from .._tools.saved import read_saved
+from .._tools.saved import read_saved, save_npz
 from .._tools.toml import Table, read_toml, toml_key
 from .._tools.words import counted, listing, one_line
 from ..errors import FitError
@@ -71,9 +70,7 @@ def write_parameters(
     if path.suffix == ".toml":
         write_atomically(path, _toml(arrays, comments, path.stem), sources)
         return
-    content = io.BytesIO()
-    np.savez(content, **arrays)  # type: ignore[arg-type]
-    write_atomically(path, content.getvalue(), sources)
+    save_npz(path, arrays, sources)
 
 
 def load_parameters(robot: Robot, path: str | Path) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -119,6 +120,12 @@ def encoder_step(q: Array) -> Array:
     ``test_noise.py`` estimates the steps of slow and fast quantised motions, and zero for positions that are not quantised.
     """
     return np.array([_grid(column) for column in q.T])
+
+
+def coarsest_steps(logs: Iterable[Array]) -> Array | None:
+    """Return the coarsest `encoder_step` of each joint over recorded positions, (n_dof,); None without any."""
+    steps = [encoder_step(q) for q in logs]
+    return np.max(steps, axis=0) if steps else None
 
 
 def encoder_noise(q: Array) -> Array:

@@ -121,6 +121,7 @@ def compare(
         Any of its subclasses.
     """
     from ..methods.cloe.cloe import CLOE
+    from ..methods.method import FitSettings
     from ..methods.start import FROM_LOG, standard_start
     from ..result.iteration import Status
 
@@ -131,6 +132,7 @@ def compare(
     fits: dict[str, Identification] = {}
     notes: list[str] = []
     chosen = all_methods(experiment) if methods is None else [method_of(method) for method in methods]
+    chosen = [method.for_logs(log) if isinstance(method, FitSettings) else method for method in chosen]
     for method in chosen:
         key = _key(method, fits)
 

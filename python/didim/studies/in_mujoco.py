@@ -21,10 +21,11 @@ from .._tools.arrays import Array
 from .._tools.saved import plain
 from ..errors import FitError
 from ..experiment.experiment import Experiment
-from ..export.drives import HALF, Drives, JointDrive, drives_of, for_step
+from ..export.drives import Drives, JointDrive, drives_of, for_step
 from ..log.recording import Recording
 from ..loop.servos import Held
 from ..methods.positions.columns import file_values
+from ..methods.positions.intervals import HALF
 from ..methods.positions.problem import left_out, start_state
 from ..methods.positions.replay import pushed_of
 from ..methods.positions.stops import Stop, free_stretches, stops_of

@@ -251,6 +251,8 @@ def _rows(now: Search, spread: Intervals) -> list[dict[str, Any]]:
                 "low": max(value - half, column.low) if known else None,
                 "high": min(value + half, column.high) if known else None,
                 "before": column.start,
+                "bounds": plain((column.low, column.high)),
+                "runs": float(spread.runs[k]),
                 "by": by,
                 "text": held_at(now, k) if k in now.held else "",
                 "per_step": float(steps[k]),

@@ -71,6 +71,8 @@ class Intervals:
         "rollouts" or "stretches".
     drift : (2, n_columns) array
         Largest change of the unknowns along the log, and its ratio to its standard deviation.
+    runs : (n_columns,) array
+        Standard deviations of the unknowns from log to log, beyond those of each log; zero for one log.
     """
 
     std: Array
@@ -80,6 +82,7 @@ class Intervals:
     blocks: int
     kind: str
     drift: Array
+    runs: Array
 
 
 def intervals(now: Search) -> Intervals:
@@ -89,10 +92,10 @@ def intervals(now: Search) -> Intervals:
     rows, use, count = now.rows, now.used(a), len(prior)
     variance = now.squares / rows
     white = np.zeros(count)
-    whole = (a + np.diag(prior * variance))[np.ix_(use, use)]
-    white[use] = np.sqrt(
-        np.maximum(np.diag(_inverse(whole)), 0.0) * variance * rows / max(1, rows - len(use))
-    )
+    whole = _inverse((a + np.diag(prior * variance))[np.ix_(use, use)])
+    white[use] = np.sqrt(np.maximum(np.diag(whole), 0.0) * variance * rows / max(1, rows - len(use)))
+    # No block tells how far the centres of the priors are from the truth.
+    centres = (whole * prior[use] * variance**2) @ whole
     cuts, kind = _cuts(now.problem)
     covariance, drift, blocks = np.zeros((count, count)), np.zeros((2, count)), 0
     half = np.where(now.free, np.nan, 0.0)
@@ -102,6 +105,7 @@ def intervals(now: Search) -> Intervals:
             continue
         parts = _normal_of_blocks(now, cut, number)
         of_cut = _jackknife(now, *parts)
+        of_cut[np.ix_(use, use)] += centres
         if not blocks:
             covariance, drift, blocks = of_cut, _drift(now, *parts), number
         half[use] = np.fmax(half, student_factor(0.95, number - 1) * np.sqrt(np.diag(of_cut)))[use]
@@ -109,7 +113,37 @@ def intervals(now: Search) -> Intervals:
     std = half / student_factor(0.95, blocks - 1) if blocks else half
     known = np.sqrt(np.diag(covariance))
     scale = np.divide(std, known, out=np.ones(count), where=(known > 0.0) & np.isfinite(std))
-    return Intervals(std, half, covariance * np.outer(scale, scale), white, blocks, kind, drift)
+    return Intervals(
+        std, half, covariance * np.outer(scale, scale), white, blocks, kind, drift, _between_logs(now)
+    )
+
+
+def _between_logs(now: Search) -> Array:
+    """Return the standard deviations of the unknowns from log to log, (n_columns,), beyond those of each log.
+
+    Each log has an estimate and, by leaving out its stretches, a variance v. The excess of the squares of the estimates, weighed by
+    1 / v, over what v explains is the variance between logs (DerSimonian and Laird).
+    """
+    logs = sorted({rollout.recording for rollout in now.problem.rollouts})
+    number, cut = STRETCHES[1], []
+    if len(logs) == 1:
+        return np.zeros(len(now.theta))
+    for rollout in now.problem.rollouts:
+        at = np.arange(len(rollout.q) - rollout.first)
+        cut.append(logs.index(rollout.recording) * number + at * number // len(at))
+    a, g = _normal_of_blocks(now, cut, number * len(logs))
+    steps, variances = [], []
+    for part in (slice(k, k + number) for k in range(0, number * len(logs), number)):
+        steps.append(bounded_step(now, a[part].sum(axis=0), g[part].sum(axis=0)))
+        variances.append(np.diag(_jackknife(now, a[part], g[part])))
+    weight = quotient(np.ones((len(logs), len(now.theta))), np.array(variances))
+    total = weight.sum(axis=0)
+    centre = quotient((weight * steps).sum(axis=0), total)
+    freedom = np.maximum(np.count_nonzero(weight, axis=0) - 1, 0)
+    excess = (weight * (steps - centre) ** 2).sum(axis=0) - freedom
+    spare = total - quotient((weight**2).sum(axis=0), total)
+    between = np.maximum(quotient(excess, np.where(freedom > 0, spare, 0.0)), 0.0)
+    return np.where(now.free & ~at_bound(now), np.sqrt(between), 0.0)
 
 
 def _drift(now: Search, a: Array, g: Array) -> Array:

@@ -289,17 +289,49 @@ class Problem:
         self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
+        state = [np.tile(part, (len(thetas), 1)) for part in rollout.start]
+        return self._run(rollout, rollout.loop, thetas, (state[0], state[1], 0.0), lead_s)
+
+    def ahead(
+        self, rollout: Rollout, theta: Array, seconds: tuple[float, float], noise: Array
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Return the encoders' positions from measured states on, (n_states, n_samples, n_limb_joints), and the samples of these.
+
+        `seconds` are the time simulated and that between states. Their positions and velocities are those of parabolas through the
+        samples around; left out are those at which a parabola leaves more than `noise` (rad or m, rms), (n_limb_joints,), such as
+        at a blow. All states are lanes of one batch.
+        """
+        rate, count = rollout.rate_hz, len(rollout.q)
+        half = max(FEWEST_START_SAMPLES, round(START_S * rate)) // 2
+        at = np.arange(max(rollout.first, half), count - half, max(1, round(seconds[1] * rate)))
+        around = np.arange(-half, half + 1)
+        q = np.moveaxis(rollout.q[at[:, None] + around], 1, 0).reshape(len(around), -1)
+        parabola = np.polynomial.polynomial.polyfit(around / rate, q, 2)
+        left = q - np.polynomial.polynomial.polyval(around / rate, parabola).T
+        smooth = (np.sqrt(np.mean(left**2, axis=0)).reshape(len(at), -1) <= noise).all(axis=1)
+        position, velocity = parabola[:2].reshape(2, len(at), -1)[:, smooth]
+        at = at[smooth]
+        if not at.size:
+            return np.empty((0, 1, len(rollout.joints))), at
+        loop = rollout.loop.ahead(min(round(seconds[0] * rate), count - 1))
+        return self._run(rollout, loop, np.tile(theta, (len(at), 1)), (position, velocity, at / rate))[0], at
+
+    def _run(
+        self,
+        rollout: Rollout,
+        loop: ServoLoop,
+        thetas: Array,
+        state: tuple[Array, Array, Array | float],
+        lead_s: float = 0.0,
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Simulate candidates from states: encoder readings and velocities, and the times of the log at which they begin."""
         x, drive = self._of_limb(rollout, thetas)
-        q, dq = (np.tile(part, (len(thetas), 1)) for part in rollout.start)
+        q, dq, begin_s = state
         self.simulated.append(len(thetas))
         creep, rest = (drive.pop(kind) for kind in SOFT)
         slope = self._slope(rollout, x) * rest / creep if self.soft else 0.0
-        return rollout.loop.run(
-            x,
-            Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s),
-            self.threads,
-            every_jump=self.every_jump,
-        )
+        servos = Servos(**drive, q=q, dq=dq, softness=slope, rate=1.0 / rest, lead_s=lead_s, begin_s=begin_s)
+        return loop.run(x, servos, self.threads, every_jump=self.every_jump)
 
     def parameters(self, thetas: Array, recording: int | None = None) -> tuple[Array, dict[str, Array]]:
         """Return the standard parameters of the robot and the numbers of its servos, (n_candidates, n) each.

@@ -8,16 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, quotient
+from ..._tools.words import columned
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.unknown import SOFT
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
+from ...result.positions.table import milli
+from ...signal.noise import white_noise
 from ..builder import digests
+from .intervals import LASTING, LEAST_NOISE
 from .laws import with_softness
 from .problem import Problem
 from .stops import Stop
+
+HORIZONS_S = (0.1, 0.5, 2.0)
+"""Durations (s) from a measured state to the predictions that are compared: those of a reflex, a step and a move. States are as far
+apart as the first of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +74,46 @@ def rms_error(replays: Sequence[Replay], joint: int) -> float:
     return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
 
-def error_lines(errors: dict[str, list[float]]) -> list[str]:
-    """Return the errors as text, a line per recording."""
-    lines = ["rms errors of positions, simulated with the result (mrad or mm), joint by joint:"]
+def horizon_errors(fit: Identification, experiment: Experiment) -> dict[str, dict[str, list[float]]]:
+    """Return the rms errors of predictions (rad or m), joint by joint, by recording and time ahead (s): see `HORIZONS_S`.
+
+    A prediction begins with a state whose velocity is measured: see `Problem.ahead`. Errors are NaN where a log has none, or is too
+    short; others as of `replayed`.
+    """
+    problem, theta = _problem(fit, experiment)
+    n, squares = problem.robot.n_dof, dict[str, Array]()
+    for rollout in (*problem.rollouts, *problem.held_out):
+        found = squares.setdefault(
+            experiment.recordings[rollout.recording].name, np.zeros((2, len(HORIZONS_S), n))
+        )
+        noise = LASTING * np.maximum(white_noise(rollout.q), LEAST_NOISE)
+        predicted, at = problem.ahead(rollout, theta, (HORIZONS_S[-1], HORIZONS_S[0]), noise)
+        for row, seconds in enumerate(HORIZONS_S):
+            steps = round(seconds * rollout.rate_hz)
+            inside = at + steps < len(rollout.q)
+            if inside.any():
+                errors = predicted[inside, steps] - rollout.q[at[inside] + steps]
+                found[0, row, rollout.joints] += np.sum(errors**2, axis=0)
+                found[1, row, rollout.joints] += len(errors)
+    return {
+        name: {
+            f"{seconds:g}": row.tolist()
+            for seconds, row in zip(HORIZONS_S, np.sqrt(quotient(found[0], found[1], np.nan)), strict=True)
+        }
+        for name, found in squares.items()
+    }
+
+
+def error_lines(errors: dict[str, list[float]], ahead: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Return the errors as text: a line per recording, then one for each time after a measured state."""
+    rows: list[tuple[str, ...]] = []
     for name, values in errors.items():
-        lines.append(f"recording '{name}'  " + "  ".join(f"{1e3 * value:.2f}" for value in values))
-    return lines
+        rows.append((f"recording '{name}'", "from the start", *map(milli, values)))
+        rows += [("", f"{seconds} s ahead", *map(milli, row)) for seconds, row in ahead[name].items()]
+    return [
+        "rms errors of positions, simulated with the result (mrad or mm), joint by joint:",
+        *columned(rows, 2),
+    ]
 
 
 def pushed_of(fit: Identification, experiment: Experiment) -> list[Stop]:
@@ -92,18 +134,7 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     FitError
         For an experiment that has other unknowns than the result.
     """
-    record = PositionRecord.of(fit.settings)
-    soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
-    pushed = pushed_of(fit, experiment)
-    values = dict(zip(fit.names, fit.beta, strict=True))
-    unknown = with_softness(experiment) if SOFT[1] in values else experiment
-    problem = Problem(unknown, soft=soft, sticks=sticks, pushed=pushed)
-    lacking = [column.name for column in problem.columns if column.name not in values]
-    if lacking or fit.parameter_names != problem.robot.parameter_names:
-        raise FitError(
-            f"{experiment.name}: the result is of other unknowns; it has no {lacking[0] if lacking else 'such robot'}"
-        )
-    theta = np.array([values[column.name] for column in problem.columns])
+    problem, theta = _problem(fit, experiment)
     replays: dict[tuple[int, int], Replay] = {}
     rollouts = [*problem.rollouts, *problem.held_out]
     for rollout in sorted(rollouts, key=lambda rollout: (rollout.recording, rollout.window.number)):
@@ -121,3 +152,19 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
         replays[key].simulated[begin:end, rollout.joints] = simulated[0]
         replays[key].compared[begin + rollout.first : end, rollout.joints] = True
     return list(replays.values())
+
+
+def _problem(fit: Identification, experiment: Experiment) -> tuple[Problem, Array]:
+    """Return the problem of an experiment with the laws of a result, and its estimate."""
+    record = PositionRecord.of(fit.settings)
+    soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
+    pushed = pushed_of(fit, experiment)
+    values = dict(zip(fit.names, fit.beta, strict=True))
+    unknown = with_softness(experiment) if SOFT[1] in values else experiment
+    problem = Problem(unknown, soft=soft, sticks=sticks, pushed=pushed)
+    lacking = [column.name for column in problem.columns if column.name not in values]
+    if lacking or fit.parameter_names != problem.robot.parameter_names:
+        raise FitError(
+            f"{experiment.name}: the result is of other unknowns; it has no {lacking[0] if lacking else 'such robot'}"
+        )
+    return problem, np.array([values[column.name] for column in problem.columns])

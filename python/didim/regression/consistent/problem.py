@@ -21,6 +21,7 @@ from ...model.consistency import Cone, link_cones
 from ...model.drive_cones import Drives, friction_cones, rotor_cones, simulable_cones
 from ...robot.robot import Robot
 from ...terms.model import Model
+from ...terms.rows import unit_columns
 from .bounds import Bounds
 from .logs import log_conditions, log_start
 from .prior import GAMMA, Prior, drawn
@@ -205,7 +206,7 @@ class ConstrainedProblem:
             if broken is not None:
                 raise FitError(
                     f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[broken].label} contradicts "
-                    "the others, or the parameters that are fixed or dropped"
+                    "the others, or what is fixed or dropped; physical = false asks for none"
                 )
             x = self.unknowns @ u
             error = rows @ (self.matrix @ x) - z
@@ -228,7 +229,9 @@ class ConstrainedProblem:
 
         It is large for a parameter determined only by a weak prior, even if noise hardly moves that parameter.
         """
-        columns, curvature, others = self._free(x)
+        columns, others = self._free(x)
+        root = self.root(x) @ columns
+        curvature = root.T @ root
         curvature[others:, others:] += rows.T @ rows
         scaled, sizes = unit_diagonal(curvature)
         values, vectors = np.linalg.eigh(scaled)
@@ -241,31 +244,35 @@ class ConstrainedProblem:
         It is their curvature at standard parameters ``x``, (p,), with all other parameters free; ``test_consistent.py`` compares
         deletions that it holds with solutions without each block.
         """
-        _, curvature, others = self._free(x)
-        across = curvature[:others, others:]
-        solved = np.linalg.pinv(curvature[:others, :others], hermitian=True) @ across
-        return np.asarray(curvature[others:, others:] - across.T @ solved)
+        columns, others = self._free(x)
+        rows, size = unit_columns(self.root(x) @ columns)
+        # Orthogonal to the other parameters, so no difference of large numbers: curvature at a bound has no limit.
+        free, own = rows[:, :others], rows[:, others:]
+        left = (own - free @ (np.linalg.pinv(free) @ own)) * size[others:]
+        return np.asarray(left.T @ left)
 
-    def _free(self, x: Array) -> tuple[Array, Array, int]:
-        """Return columns of ``T`` for parameters that are not given, the log-det terms' curvature in them, how many regroup."""
+    def _free(self, x: Array) -> tuple[Array, int]:
+        """Return columns of ``T`` for parameters that are not given, and how many of them regroup."""
         others = len(x) - len(self.model.unknowns.roles)
-        columns = self.unknowns[:, [*range(others), *(others + k for k in self.model.unknowns.estimated)]]
-        return columns, columns.T @ self.marginal(x) @ columns, others
+        return self.unknowns[
+            :, [*range(others), *(others + k for k in self.model.unknowns.estimated)]
+        ], others
 
-    def marginal(self, x: Array) -> Array:
-        """Return the curvature of the log-det terms at parameters, (p, p)."""
-        curvature = np.zeros((len(x), len(x)))
+    def root(self, x: Array) -> Array:
+        """Return rows K whose products ``K^T K`` are the curvature of the log-det terms at parameters, (m, p)."""
+        roots = []
         for condition in self.conditions:
             weight = max(condition.weight, LEAST_WEIGHT)
             # Terms may cancel to zero, such as the friction of a robot and the difference of a recording.
             sizes = np.linalg.norm(condition.basis, axis=(1, 2)) * np.abs(x[list(condition.indices)])
             size = float(np.sum(sizes) + np.linalg.norm(condition.constant))
             values, vectors = np.linalg.eigh(condition.at(x))
-            least = FEASIBLE * size if size > 0.0 else FEASIBLE
-            scaled = (vectors / np.maximum(values, least)) @ vectors.T @ condition.basis
-            products = weight * np.einsum("iab,kba->ik", scaled, scaled)
-            curvature[np.ix_(condition.indices, condition.indices)] += products
-        return curvature
+            half = vectors / np.sqrt(np.maximum(values, FEASIBLE * size if size > 0.0 else FEASIBLE))
+            own = half.T @ condition.basis @ half
+            rows = np.zeros((half.size, len(x)))
+            rows[:, condition.indices] = np.sqrt(weight) * own.reshape(len(own), -1).T
+            roots.append(rows)
+        return np.concatenate(roots) if roots else np.zeros((0, len(x)))
 
 
 def _beside(matrix: Array, count: int) -> Array:

@@ -21,6 +21,8 @@ move with them by
 
     K a = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
+with ``(R^T R + P)^-1 R^T`` in place of ``R^-1`` where a prior and constraints hold the estimate with a precision P.
+
 This is a bias, not a deviation: which law the joint has is not known, so an interval holds for every bias up to it. With the
 deviation s of noise its half width is that of noise times ``cv(|K a| / s) / cv(0)``, cv(x) being the 95 % quantile of
 ``|N(x, 1)|``. Friction at a speed v moves by ``h(v)^T K a + a c(v)``, where both parts nearly cancel.
@@ -219,7 +221,10 @@ class FrictionAlarm:
 
 @dataclass(frozen=True, eq=False)
 class _Limb:
-    """Joints that share columns: their rows, joint by joint, and ``A = Q R`` of their scaled and weighted columns."""
+    """Joints that share columns: their rows, joint by joint, and ``A = Q R`` of their weighted columns.
+
+    `held` is the precision P with which a prior and constraints hold the estimate, for the scaled columns; zero without any.
+    """
 
     joints: tuple[int, ...]
     rows: Rows
@@ -229,6 +234,14 @@ class _Limb:
     size: Array
     q: Array
     r: Array
+    held: Array
+
+    def moved(self, columns: Array) -> Array:
+        """Return the change of the unknowns with a unit of weighted columns: ``-R^-1 Q^T C``, or as the precision holds them."""
+        along = self.q.T @ columns
+        held = self.r.T @ self.r + self.held
+        moved = np.linalg.solve(held, self.r.T @ along) if self.held.any() else np.linalg.solve(self.r, along)
+        return np.asarray(-moved / self.size[:, None])
 
     def weighted(self, columns: Array) -> Array:
         """Return one weighted column of W per joint, zero in the rows of the other joints."""
@@ -320,7 +333,7 @@ def friction_alarm(system: LinearSystem, fit: Fit, along: Along) -> FrictionAlar
     """
     robot, parts, signal = along.robot, along.parts, along.signal
     n = robot.n_dof
-    candidates = laws_to_test(along)
+    candidates = laws_to_test(along, frozenset(system.slopes))
     tested = tuple(dict.fromkeys(candidate.family for candidate in candidates))
     limbs = _limbs(system, fit)
     speeds = decimated([part.dq for part in parts], parts, signal)
@@ -520,6 +533,9 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
         w = np.column_stack([matrix, *slopes.values()]) * fit.weights[rows, None]
         unit, size = unit_columns(w)
         q, r = np.linalg.qr(unit)
+        held, k = np.zeros((len(size), len(size))), len(columns)
+        if fit.precision is not None:
+            held[:k, :k] = fit.precision[np.ix_(columns, columns)] / np.outer(size[:k], size[:k])
         limbs.append(
             _Limb(
                 joints=tuple(int(joint) for joint in np.flatnonzero(np.isin(starts, rows))),
@@ -530,6 +546,7 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
                 size=size,
                 q=q,
                 r=r,
+                held=held,
             )
         )
     return limbs
@@ -598,8 +615,7 @@ class _Tried:
             fallen = predicted * (2.0 * limb.rho[rows] - predicted)
             gain[block] = np.bincount(rows // count, fallen, len(limb.joints))
         # A column of which nothing is left has an amount of zero.
-        change = -np.linalg.solve(limb.r, limb.q.T @ used) / limb.size[:, None]
-        return cls(law, free, change, gain)
+        return cls(law, free, limb.moved(used), gain)
 
     def of_joint(self, index: int) -> list[int]:
         """Return the numbers of a joint's columns: of the law, and of its start."""
@@ -630,7 +646,7 @@ def _missing_laws(
         chosen: list[tuple[int, _Tried, list[int]]] = []
         for index, joint in enumerate(limb.joints):
             best = max(tried, key=lambda each: float(each.gain[:, index].sum()))
-            if alarmed[joint] or best.gain[:, index].sum() > 0.0:
+            if best.free[:, index].any() and (alarmed[joint] or best.gain[:, index].sum() > 0.0):
                 chosen.append((index, best, best.of_joint(index)))
         free = np.hstack([each.free[:, own] for _, each, own in chosen])
         change = np.hstack([each.change[:, own] for _, each, own in chosen])
@@ -714,14 +730,22 @@ def joint_scales(robot: Robot) -> Array:
     return np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
 
 
-def laws_to_test(along: Along) -> list[LawColumns]:
-    """Return the laws that are tested, with their decimated columns."""
+def laws_to_test(along: Along, refined: frozenset[str] = frozenset()) -> list[LawColumns]:
+    """Return the laws that are tested, with their decimated columns.
+
+    `refined` are the parameters whose velocities are estimated: no second law of the kind is told from a change of these.
+    """
     robot, parts, signal, load = along.robot, along.parts, along.signal, along.load
     n = robot.n_dof
     encoder_step = np.zeros(n) if along.encoder_step is None else along.encoder_step
     unit = joint_scales(robot)
     known = {(term.law, term.joint) for term in robot.friction.terms}
-    every = np.ones(n, dtype=bool)  # a curve of speed may bend at more than one velocity
+    fitted = {(term.law, term.joint) for term in robot.friction.terms if term.parameter in refined}
+    # A curve of speed may bend at more than one velocity.
+    free = {
+        law: np.array([(law, joint) not in fitted for joint in range(n)])
+        for law in ("stribeck", "atan", "dahl")
+    }
     loaded = np.array([("load", joint) not in known for joint in range(n)])
     signs = [direction(robot, part.q, part.dq) for part in parts]
     laws: list[LawColumns] = []
@@ -739,15 +763,15 @@ def laws_to_test(along: Along) -> list[LawColumns]:
             sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("stribeck", values, every, velocity)
+        add("stribeck", values, free["stribeck"], velocity)
     for velocity in ATAN:
         values = [
             np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
             for part, sign in zip(parts, signs, strict=True)
         ]
-        add("atan", values, every, velocity)
+        add("atan", values, free["atan"], velocity)
     add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
-    resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
+    resolved = (WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step) & free["dahl"]
     if resolved.any():
         memories = [state(part.q, np.outer(WIDTHS, unit)) for part in parts]
         for k, width in enumerate(WIDTHS):

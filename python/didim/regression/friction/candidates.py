@@ -6,12 +6,13 @@ Tested in ``tests/test_friction_choice.py``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
+from ..._tools.arrays import Array, true_ranges
 from ...model.dynamics import rigid_torque
 from ...model.memory import direction, held_sign, states
 from ...robot.friction import OF_TEMPERATURE, START_WIDTH, FrictionTerm
@@ -35,6 +36,14 @@ LEAST_STANDSTILL = 0.01
 """Smallest share of samples at standstill for a standstill torque to be a candidate."""
 LEAST_STEPS = 10.0
 """Least ratio of a displacement of memory to the error of a reversal: coarse encoders and slow logs look like memory themselves."""
+
+SLOW = 0.005
+"""Speed, as a share of the top speed, below which a joint stands still if this lasts for `LONG_S`."""
+LONG_S = 0.1
+"""Shortest standstill (s): a reversal takes less."""
+LEAST_REST = 0.05
+"""Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log
+(docs/published.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +138,23 @@ def narrowest_memory(parts: Sequence[Window], steps: Array | None) -> Array:
         turns = np.abs(np.concatenate(bends)) / 8.0
         missed[joint] = max(missed[joint], float(np.median(turns)) if turns.size else 0.0)
     return LEAST_STEPS * missed
+
+
+def at_rest(robot: Robot, parts: Sequence[Window]) -> list[Array]:
+    """Return 1 where a joint with a plain sign, no dead zone, stands still for long, (n_samples, n_dof) of each part."""
+    found = [np.zeros_like(part.dq) for part in parts]
+    if robot.friction.coulomb != "sign":
+        return found
+    held = [term.joint for term in robot.friction.terms if term.law == "hold"]
+    for joint in range(robot.n_dof):
+        if robot.friction.dead_zone[joint] > 0.0 or joint in held:
+            continue
+        top = max(float(np.abs(part.dq[:, joint]).max()) for part in parts)
+        for part, own in zip(parts, found, strict=True):
+            slow = np.abs(part.dq[:, joint]) < SLOW * top
+            for start, stop in true_ranges(slow, math.ceil(LONG_S * part.rate_hz)):
+                own[start:stop, joint] = 1.0
+    return found
 
 
 def warming(parts: Sequence[Window], joint: int) -> tuple[float, list[Array]]:

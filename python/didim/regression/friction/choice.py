@@ -16,16 +16,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...model.dynamics import inverse_dynamics
-from ...robot.friction import Friction, FrictionTerm
+from ...robot.friction import Friction, FrictionTerm, Law
 from ...signal.processing import SignalProcessing
 from ...signal.window import Window
 from ...terms.model import Model
 from ..delay import Observed, estimate_delay
 from .alarm import joint_scales
-from .candidates import joints_without_memory, narrowest_memory, pool_of
+from .candidates import LEAST_REST, at_rest, joints_without_memory, narrowest_memory, pool_of
 from .screen import LEAST_SIGNIFICANCE, Elsewhere, Move, Screen, State, Worth, law_at, significance
 from .velocity import CURVES, SettledFriction, Solve, VelocityEstimate, settled
 
@@ -167,9 +169,12 @@ def first_fit(  # many parameters: those of choose_terms
     choice = choose_terms(model, parts, signal, solve, resolved)
     if choice.refused:  # what this log lacks is not friction
         return FirstFit(choice=choice)
-    if not choice.friction.held:
+    # The noise of the velocity decides a plain sign there.
+    at = at_rest(model.own.with_terms(choice.friction.terms), parts)
+    resting = np.flatnonzero(np.mean(np.concatenate(at), axis=0) > LEAST_REST).tolist()
+    if resting or not choice.friction.held:
         say("choosing friction near rest")
-        smooth, found = _near_rest(model, parts, signal, solve)
+        smooth, found = _near_rest(model, parts, signal, solve, resting if choice.friction.held else ())
         other = choose_terms(smooth, parts, signal, solve, resolved) if found else choice
         if found and other.held_out_after <= AS_GOOD * choice.held_out_after:
             model, choice, rest = smooth, other, found
@@ -185,9 +190,12 @@ def first_fit(  # many parameters: those of choose_terms
 
 
 def _near_rest(
-    model: Model, parts: Sequence[Window], signal: SignalProcessing, solve: Solve
+    model: Model, parts: Sequence[Window], signal: SignalProcessing, solve: Solve, resting: Sequence[int]
 ) -> tuple[Model, TermGain | None]:
-    """Return the model with the smoothing or the dead zone that blocks left out support most; that of its robot without any."""
+    """Return the model with the smoothing or the dead zone that blocks left out support most; that of its robot without any.
+
+    For `resting` joints alone it is the best dead zone, supported or not: a sign that noise decides has no other reason.
+    """
     robot, elsewhere = model.own, Elsewhere(parts)
     friction = robot.friction
     if friction.coulomb != "sign" or any(friction.dead_zone):
@@ -198,14 +206,17 @@ def _near_rest(
         return Screen(fit.model, fit.system, fit.system.residual(fit.beta), (), elsewhere)
 
     before = screened(model)
-    best: tuple[float, Model, TermGain | None] = (0.0, model, None)
+    best: tuple[float, Model, TermGain | None] = (-np.inf if resting else 0.0, model, None)
     for speed in NEAR_REST:
         at = speed * joint_scales(robot)
-        zone = replace(robot, friction=replace(friction, dead_zone=tuple(at.tolist())))
-        for name, other in (("smoothing", robot.with_smoothing(at.tolist())), ("dead_zone", zone)):
+        zones = at * (np.isin(np.arange(robot.n_dof), resting) if resting else 1.0)
+        ways = [("dead_zone", replace(robot, friction=replace(friction, dead_zone=tuple(zones.tolist()))))]
+        if not resting:
+            ways.insert(0, ("smoothing", robot.with_smoothing(at.tolist())))
+        for name, other in ways:
             changed = model.with_robot(other)
             worth = before.beside(screened(changed))
-            if worth.supported and worth.nats > best[0]:
+            if worth.nats > best[0] and (worth.supported or resting):
                 best = worth.nats, changed, TermGain.of(name, worth)
     return best[1:]
 
@@ -306,9 +317,12 @@ def choose_terms(
     state, rivals = last.compared(last.needed(last.chosen(state)))
     moves = last.moves(state)
     trial = settle([move.term for move in moves])
+    values = dict(zip(trial.model.unknowns.names, trial.beta, strict=True))
+    # Load friction, memory and stiffness below zero would drive the joint.
     chosen = tuple(
         replace(term, rival=rivals.get(term.parameter, 0.0))
-        for term in _without_driving(trial.model, trial.beta)
+        for term in trial.robot.friction.terms
+        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
     )
     added = {term.parameter for term in chosen}
     return FrictionChoice(
@@ -325,6 +339,47 @@ def choose_terms(
         held_out_after=last.screen.error(state),
         without_memory=joints_without_memory(plain, narrowest.tolist()),
     )
+
+
+def further_laws(
+    model: Model,
+    parts: Sequence[Window],
+    signal: SignalProcessing,
+    solve: Solve,
+    resolved: Array | None,
+    joints: Sequence[int],
+) -> dict[int, tuple[Law, ...]]:
+    """Choose what blocks left out support at some joints beside the laws that the robot has, which stay as they are.
+
+    Parameters
+    ----------
+    model, parts, signal, solve, resolved
+        As for `choose_terms`.
+    joints : sequence of int
+        Joints, from 0.
+
+    Returns
+    -------
+    dict of int to tuple of str
+        Laws by joint, from 0; joints without any are left out.
+
+    Raises
+    ------
+    FitError
+        As `choose_terms` (``test_friction_choice.py``).
+    """
+    own = [replace(term, estimated=False) for term in model.own.friction.terms]
+    start = settled(model.with_robot(model.own.with_terms(own)), parts, signal, solve, search=False)
+    pool = pool_of(
+        start.robot, start.model, start.beta, parts, signal, start.system, narrowest_memory(parts, resolved)
+    )
+    residual, some = start.system.residual(start.beta), [one for one in pool if one.term.joint in joints]
+    search = _Search(Screen(start.model, start.system, residual, some, Elsewhere(parts)))
+    search.barred.update(law_at(term) for term in own)
+    found = search.screen.terms(search.needed(search.chosen(State())))
+    return {
+        joint: laws for joint in joints if (laws := tuple(term.law for term in found if term.joint == joint))
+    }
 
 
 class _Change(NamedTuple):
@@ -461,13 +516,3 @@ class _Search:
             if abs(significance(gain)) < LEAST_SIGNIFICANCE:
                 rivals[screen.pool[own].term.parameter] = screen.pool[best[1]].term.velocity
         return state, rivals
-
-
-def _without_driving(model: Model, beta: Array) -> tuple[FrictionTerm, ...]:
-    """Leave out load friction, memory and stiffness below zero: they would drive the joint."""
-    values = dict(zip(model.unknowns.names, beta, strict=True))
-    return tuple(
-        term
-        for term in model.own.friction.terms
-        if term.law not in ("load", "dahl", "spring") or values[term.parameter] > 0.0
-    )

@@ -390,7 +390,7 @@ class Screen:
             and law_at(candidate.term) not in there
             and candidate.held in (None, joint in state.holds)
             # Memory beside a sign that is kept: in its place a state of little width predicts other motions worse.
-            and (candidate.term.law != "dahl" or joint in state.holds)
+            and (candidate.term.law != "dahl" or joint in state.holds | self.model.own.friction.held)
         ]
         if not places:
             return None

@@ -17,7 +17,8 @@ class PositionRecord:
     Attributes
     ----------
     rows : sequence of mapping
-        One per unknown: "name", "kind", "joints" (from 1), "recording", "unit", "value", "std", "low", "high", "before", "by"
+        One per unknown: "name", "kind", "joints" (from 1), "recording", "unit", "value", "std", "low", "high", "before", "bounds",
+        "runs" (standard deviation from log to log, zero for one log), "by"
         ("log", "bound", "prior" or, for parameters that the log does not identify, "held") and "text", the knowledge about a
         held one.
     drive : mapping
