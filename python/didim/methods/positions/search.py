@@ -23,10 +23,6 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-4, 1e-9
 """Damping of the first step, and its lower bound, as shares of the squared lengths of the columns."""
 RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
-NEAR, KEPT = 0.1, 0.25
-"""Fall of the cost, as a share of it, below which a step leaves corrected derivatives in the place of new ones, which take a
-simulation for each unknown; and the smallest one, as a share of what was promised. Farther away new ones converge in fewer
-steps: two simulated legs take 7 in the place of 36."""
 MOST_RAISES = 10
 """Number of damping increases in a row after which the search ends."""
 SLOPE = 1e-9
@@ -178,7 +174,8 @@ def begun(
 def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exact: bool = True) -> Search:
     """Search from where one stands, by at most so many steps, until the cost falls by less than `tolerance`.
 
-    `exact` ends by derivatives that were simulated there; otherwise corrected ones do.
+    `exact` simulates the derivatives at each point, and ends by those of the last one; otherwise the errors after a step correct
+    them, and they are simulated anew where a step brings less than half of what they promise.
     """
     problem, rows = now.problem, now.rows
     low, high = problem.bounds
@@ -193,7 +190,9 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
         if last and exact and not now.fresh:
             now.renew()
             continue
-        tried = problem.errors(trial)
+        # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
+        shared = exact and not (raised or last)
+        tried, derivatives = problem.derivatives(trial) if shared else (problem.errors(trial), None)
         cost = _cost(now, tried, trial)
         accepted = cost < now.cost  # not so where a run has ended early, for NaN is not smaller
         if not (accepted or last) and (not now.fresh or raised < MOST_RAISES):
@@ -202,21 +201,19 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
             else:
                 now.renew()
             continue
-        fall, size, raised = 0.0, 0.0, 0
-        ends, known = not accepted or last, now.fresh or not exact
+        size, fall = 0.0, now.cost - cost
+        ends = not accepted or last or fall < tolerance * now.cost
         if accepted:
-            fall = 1.0 - cost / now.cost
-            ends |= known and fall < tolerance
             size = float(np.max(np.abs(trial - now.theta) * np.sqrt(np.diag(a)))) / math.sqrt(
                 max(now.cost, 1e-300)
             )
-            good = now.cost - cost > KEPT * promise
-            near = not exact or (fall < NEAR and (known or fall > tolerance))
-            if not ends:
+            if not (exact or ends):
                 now.learn(trial - now.theta, tried, np.diag(a))
-            now.theta, now.errors, now.cost = trial, tried, cost
+            now.theta, now.errors, now.cost, raised = trial, tried, cost, 0
             damping = max(damping / LOWER, LEAST_DAMPING)
-            if not (ends or (good and near)):
+            if derivatives is not None:
+                now.blocks, now.fresh = derivatives, True
+            elif not last and (exact or not (ends or 2.0 * fall > promise)):
                 now.renew()
         rms = math.sqrt(now.cost / rows)
         now.history.append(
