@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from didim.methods.positions.laws import searched
 from didim.methods.positions.problem import Problem
 from didim.methods.positions.replay import position_errors, replayed
 from didim.methods.positions.search import begun, search
+from didim.methods.positions.stops import Stop
 from didim.model.limbs import limbs_of
 from didim.report import write
 from didim.result.iteration import Reporter
@@ -424,6 +426,24 @@ def test_each_search_has_its_own_iterations(tmp_path: Path) -> None:
     costs = [search(now, most=1, tolerance=1e-4, reporter=reporter).cost for _ in range(3)]
     assert costs[0] > costs[1] > costs[2]
     assert len(now.history) == 3
+
+
+def test_derivatives_are_corrected_by_steps_and_kept_in_other_rows(tmp_path: Path) -> None:
+    """Corrected ones give the errors of the last step; those of the rest of a log are those simulated there, but for its start."""
+    experiment = twin(tmp_path, ARM.format(option=""), commands(3, 12.0, steps=True), noise=1e-4)
+    now = begun(Problem(experiment))
+    rest = replace(now.problem, pushed=[Stop(1, 0, 500, 560, None, True)])
+    before, kept = now.problem.n_simulations, begun(rest, now.theta, now, kept=True)
+    assert rest.n_simulations - before == len(rest.rollouts) == 2
+    assert not kept.fresh
+    for own, new in zip(kept.blocks, begun(rest, now.theta).blocks, strict=True):
+        assert np.linalg.norm(own - new) < 0.05 * np.linalg.norm(new)
+    assert begun(now.problem, now.theta, kept, kept=True).fresh  # not all rows are there
+    step = 5.0 * np.array([column.step for column in now.problem.columns])
+    moved, first = now.problem.errors(now.theta + step), now.errors
+    now.learn(step, moved, np.diag(now.normal()[0]))
+    for one, other, block in zip(moved, first, now.blocks, strict=True):
+        np.testing.assert_allclose(block @ step, one - other, atol=1e-12)
 
 
 def test_no_gravity_leaves_the_ratio(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def searched(now: Search, options: dict[str, Any]) -> Search:
     while now.status.converged and (more := unidentified(now)):
         more = {k: known for k, known in more.items() if now.problem.columns[k].of_drive} or more
         try:
-            rest = begun(now.problem, _at_starts(now, list(more)), now)
+            rest = begun(now.problem, _at_starts(now, list(more)), now, kept=True)
         except FitError:
             rest = None
         if rest is not None:
@@ -126,7 +126,7 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     if start is None or not start[2] < STUCK * now.cost:
         return now, shift
     options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
-    rival = _searched_anew(start[0], options)
+    rival = _searched_anew(start[0], {**options, "tolerance": ROUGH})  # `without_pushes` goes on with it
     if not rival.cost < STUCK * now.cost:
         return now, shift
     return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
@@ -191,7 +191,7 @@ def _searched_anew(start: Search, options: dict[str, Any]) -> Search:
     """Search with all unknowns from a point that was only screened; it stays there if it cannot be simulated step by step."""
     start.problem.every_jump = True
     try:
-        now = begun(start.problem, start.theta, start)
+        now = begun(start.problem, start.theta, start, kept=True)
     except FitError:
         return start
     now.held = {}
@@ -221,13 +221,20 @@ def _promised(
 
 def without_pushes(now: Search, options: dict[str, Any]) -> Search:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
+    exact, roughly = not now.problem.sticks, {**options, "tolerance": ROUGH, "exact": False}
     for _ in range(MOST_ROUNDS):
+        if now.status is Status.STOPPED:
+            return now
         more = _pushed(now.problem, now.errors, STRONGEST) if now.status.converged else []
         more = [stop for stop in more if not _of_friction(now, stop)]
-        before, now = now, _without(now, [*now.problem.pushed, *more], options) if more else now
-        if now is before:
-            break
-    return now
+        rest = _without(now, [*now.problem.pushed, *more], roughly) if more else now
+        if rest is not now:
+            now, exact = rest, False
+        elif exact:
+            return now
+        else:  # weaker pushes show at the estimate itself
+            now, exact = search(now, **options), True
+    return now if exact or now.status is Status.STOPPED else search(now, **options)
 
 
 def _of_friction(now: Search, stop: Stop) -> bool:
@@ -271,7 +278,7 @@ def with_explained_stretches(now: Search, options: dict[str, Any]) -> Search:
 def _without(now: Search, pushed: Sequence[Stop], options: dict[str, Any]) -> Search:
     """Search again without stretches; the same search if too little would be left, or cannot be simulated."""
     try:
-        rest = begun(replace(now.problem, pushed=pushed), now.theta, now)
+        rest = begun(replace(now.problem, pushed=pushed), now.theta, now, kept=True)
     except FitError:
         return now
     options["reporter"].say(f"stretches left out because something pushes a joint: {len(pushed)}")

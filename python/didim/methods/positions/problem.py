@@ -230,7 +230,8 @@ class Problem:
     def _steps(self) -> dict[str, Array]:
         """Return changes for differences by kind, (n_dof,) each.
 
-        Each moves the torque by a thousandth of what the servo gives, delays and biases by what is small.
+        Each moves the torque by a thousandth of what the servo gives, delays and biases by what is small. With friction that
+        sticks errors have kinks within these, and a search by the slopes between two of them ends there: it takes 30 of them.
         """
         n = self.robot.n_dof
         error, speed, inertia, count = (np.zeros(n) for _ in range(4))
@@ -256,7 +257,8 @@ class Problem:
             "bias_rad": 0.1,
             **dict(zip(SOFT, SOFTNESS, strict=True)),
         }
-        return {kind: np.broadcast_to(1e-3 * size, n) for kind, size in sizes.items()}
+        share = 3e-2 if self.sticks else 1e-3
+        return {kind: np.broadcast_to(share * size, n) for kind, size in sizes.items()}
 
     @property
     def n_simulations(self) -> int:

@@ -54,6 +54,8 @@ class Search:
         How the search ended.
     history : list of Iteration
         One per accepted step.
+    fresh : bool
+        Whether the derivatives were simulated there; otherwise they are those of a point before, corrected by the errors since.
     """
 
     problem: Problem
@@ -65,6 +67,7 @@ class Search:
     held: dict[int, str] = field(default_factory=dict)
     status: Status = Status.NOT_CONVERGED
     history: list[Iteration] = field(default_factory=list)
+    fresh: bool = True
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -92,17 +95,56 @@ class Search:
             b[own] += g.T @ e
         return a, b
 
+    def renew(self) -> None:
+        """Take the derivatives at the point where the search stands."""
+        self.errors, self.blocks = self.problem.derivatives(self.theta)
+        self.cost, self.fresh = _cost(self, self.errors, self.theta), True
+
+    def learn(self, step: Array, errors: Sequence[Array], squares: Array) -> None:
+        """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns."""
+        blocks = []
+        for rollout, e, before, j in zip(
+            self.problem.rollouts, errors, self.errors, self.blocks, strict=True
+        ):
+            own = self.problem.own(rollout)
+            s, weight = step[own], squares[own] * step[own]
+            size = float(s @ weight)
+            blocks.append(j + np.outer(e - before - j @ s, weight / size) if size > 0.0 else j)
+        self.blocks, self.fresh = blocks, False
+
+    def blocks_in(self, problem: Problem) -> list[Array] | None:
+        """Return the derivatives in the rows of a problem of the same unknowns; None unless all of its rows are there."""
+        blocks = []
+        for rollout in problem.rollouts:
+            begin, size = rollout.window.begin, len(rollout.joints)
+            for other, block in zip(self.problem.rollouts, self.blocks, strict=True):
+                first = begin + rollout.first - other.window.begin - other.first
+                last = begin + len(rollout.q) - other.window.begin - other.first
+                same = (rollout.recording, rollout.joints) == (other.recording, other.joints)
+                if same and first >= 0 and last * size <= len(block):
+                    blocks.append(block[first * size : last * size])
+                    break
+            else:
+                return None
+        return blocks
+
     def used(self, a: Array) -> NDArray[np.intp]:
         """Return the estimated columns that move the robot, by a normal matrix."""
         return np.flatnonzero(self.free & (np.diag(a) > 0.0))
 
 
 def begun(
-    problem: Problem, theta: Array | None = None, before: Search | None = None, *, screening: bool = False
+    problem: Problem,
+    theta: Array | None = None,
+    before: Search | None = None,
+    *,
+    screening: bool = False,
+    kept: bool = False,
 ) -> Search:
     """Return a search that stands at a point, by default the start, and goes on from an earlier one.
 
-    `screening` keeps the derivatives of that one.
+    `screening` keeps the derivatives of that one, and adds those of unknowns that it does not have; `kept` keeps those of its rows
+    until the search asks for new ones, if it has all rows.
 
     Raises
     ------
@@ -110,7 +152,10 @@ def begun(
         Where the robot cannot be simulated there.
     """
     theta = problem.start if theta is None else theta
-    if before is None or not screening:
+    old = None if before is None or not kept else before.blocks_in(problem)
+    if old is not None:
+        errors, blocks = problem.errors(theta), old
+    elif before is None or not screening:
         errors, blocks = problem.derivatives(theta)
     else:
         errors, blocks = problem.derivatives(theta, first=len(before.theta))
@@ -119,44 +164,57 @@ def begun(
         raise FitError(
             "the robot cannot be simulated with the parameters to start from: give other starts, or a smaller step_s"
         )
-    now = Search(problem, theta, errors, blocks, 0.0, 0.0)
+    now = Search(problem, theta, errors, blocks, 0.0, 0.0, fresh=old is None and not screening)
     now.cost = now.initial = _cost(now, errors, theta)
     if before is not None:
         now.initial, now.history, now.held = before.initial, before.history, dict(before.held)
     return now
 
 
-def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> Search:
-    """Search from where one stands, by at most so many steps, until the cost falls by less than `tolerance`."""
+def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exact: bool = True) -> Search:
+    """Search from where one stands, by at most so many steps, until the cost falls by less than `tolerance`.
+
+    `exact` simulates the derivatives at each point, and ends by those of the last one; otherwise the errors after a step correct
+    them, and they are simulated anew where a step brings less than half of what they promise.
+    """
     problem, rows = now.problem, now.rows
     low, high = problem.bounds
-    damping, done = FIRST_DAMPING, len(now.history)
+    damping, done, raised = FIRST_DAMPING, len(now.history), 0
     while len(now.history) < done + most:
         a, b = now.normal()
-        fall, size = 0.0, 0.0
-        for raised in range(MOST_RAISES):
-            step = bounded_step(now, a, b, damping)
-            trial = np.clip(now.theta + step, low, high)
-            # The step that promises less than the tolerance is the last one, and the derivatives before it are good enough.
-            last = -promised(a, b, step) <= tolerance * now.cost
-            # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
-            tried, derivatives = (
-                (problem.errors(trial), None) if raised or last else problem.derivatives(trial)
-            )
-            cost = _cost(now, tried, trial)
-            accepted = cost < now.cost  # not so where a run has ended early, for NaN is not smaller
-            if accepted or last:
-                break
-            damping *= RAISE
+        step = bounded_step(now, a, b, damping)
+        trial = np.clip(now.theta + step, low, high)
+        promise = -promised(a, b, step)
+        # The step that promises less than the tolerance is the last one, and the derivatives before it are good enough.
+        last = promise <= tolerance * now.cost
+        if last and exact and not now.fresh:
+            now.renew()
+            continue
+        # Most steps are taken: the derivatives there share the lanes of the errors. After a refusal the errors come first.
+        shared = exact and not (raised or last)
+        tried, derivatives = problem.derivatives(trial) if shared else (problem.errors(trial), None)
+        cost = _cost(now, tried, trial)
+        accepted = cost < now.cost  # not so where a run has ended early, for NaN is not smaller
+        if not (accepted or last) and (not now.fresh or raised < MOST_RAISES):
+            if now.fresh:
+                damping, raised = damping * RAISE, raised + 1
+            else:
+                now.renew()
+            continue
+        size, fall = 0.0, now.cost - cost
+        ends = not accepted or last or fall < tolerance * now.cost
         if accepted:
-            fall = 1.0 - cost / now.cost
             size = float(np.max(np.abs(trial - now.theta) * np.sqrt(np.diag(a)))) / math.sqrt(
                 max(now.cost, 1e-300)
             )
-            now.theta, now.cost, damping = trial, cost, max(damping / LOWER, LEAST_DAMPING)
-            if derivatives is None and not last:
-                tried, derivatives = problem.derivatives(trial)
-            now.errors, now.blocks = tried, now.blocks if derivatives is None else derivatives
+            if not (exact or ends):
+                now.learn(trial - now.theta, tried, np.diag(a))
+            now.theta, now.errors, now.cost, raised = trial, tried, cost, 0
+            damping = max(damping / LOWER, LEAST_DAMPING)
+            if derivatives is not None:
+                now.blocks, now.fresh = derivatives, True
+            elif not last and (exact or not (ends or 2.0 * fall > promise)):
+                now.renew()
         rms = math.sqrt(now.cost / rows)
         now.history.append(
             Iteration(
@@ -173,7 +231,7 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter) -> S
         if reporter.progress(now.history[-1]):
             now.status = Status.STOPPED
             return now
-        if not accepted or last or fall < tolerance:
+        if ends:
             now.status = (
                 Status.CONVERGED if accepted or last or len(now.history) > done + 1 else Status.NO_STEP
             )
