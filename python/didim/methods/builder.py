@@ -241,7 +241,7 @@ def fitted(
     loads = load_findings(job, system, fit) if converged else []
     # A simulating method compares the torques along measured motion before it begins.
     measured = bool(parts) and converged and run.method.motion == "measured"
-    torn = contradiction_findings(diagnosis(fit)) if measured else []
+    torn = contradiction_findings(diagnosis(fit)) if measured and fit.standard is not None else []
     drift = {"drift": [asdict(difference) for difference in moved]} if moved else {}
     run = replace(
         run,
