@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-slow test-tools test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-all test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -23,6 +23,7 @@ help:
 	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
 	@echo "make test-pages  pages in a real browser (Debian's chromium), screenshots in out/pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
+	@echo "make test-all  the three of them in one run, which makes what tests share once"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
@@ -38,11 +39,14 @@ $(BIN)/maturin:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2'
 
+# Groups of pyproject.toml, with spaces between, that the first build installs while it compiles.
+GROUPS ?=
 # The package itself, editable: changed Python needs no new build, changed Rust does. What the compiler leaves of the processor
-# installs NumPy and SciPy meanwhile; the second call installs the package that the first one built.
+# installs NumPy, SciPy and GROUPS meanwhile; the second call installs the package that the first one built.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
-	nice $(BIN)/python -m pip install --quiet numpy scipy & \
-	$(BIN)/maturin develop --release --skip-install; built=$$?; wait; exit $$built
+	nice sh -c '$(BIN)/python -m pip install --quiet "pip>=25.1" && $(BIN)/python -m pip install --quiet numpy scipy $(addprefix --group ,$(GROUPS)) \
+		$(if $(GROUPS),&& touch $(addprefix $(VENV)/.group-,$(GROUPS)))' & \
+	installing=$$!; $(BIN)/maturin develop --release --skip-install; built=$$?; wait $$installing && exit $$built
 	$(BIN)/maturin develop --release
 	@touch $@
 
@@ -64,7 +68,11 @@ test-slow: $(VENV)/.built $(VENV)/.group-test
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
 
-test-pages: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-docs $(VENV)/.group-pages
+# Each file's tests beside each other: a half of all tests for each process, until one has no more.
+test-all: $(VENV)/.built $(VENV)/.group-test
+	$(BIN)/python -m pytest -n auto --dist worksteal -m 'not pages'
+
+test-pages: docs $(VENV)/.group-test $(VENV)/.group-pages
 	$(BIN)/python -m pytest -n auto --dist loadgroup -m pages
 
 # One combination after the other; what this processor cannot run is skipped with a sentence.
