@@ -99,7 +99,7 @@ lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint $(VENV)/.group-docs
 	$(BIN)/python benches/lines.py --measures
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
-	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --release --workspace --all-targets -- -D warnings
 
 bench: $(VENV)/.built $(VENV)/.group-peers
 	cargo bench
