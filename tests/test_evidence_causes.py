@@ -153,9 +153,7 @@ def test_didim_names_turned_and_exchanged_joints(log: Experiment) -> None:
     """One of each: the search is that of all joints and pairs above."""
     tau = torques(log)
     named(with_torques(log, turned(tau, 5)), plain_didim(max_iterations=1), ("torque-sign", (6,)))
-    named(
-        with_torques(log, exchanged(tau, 4, 5)), plain_didim(max_iterations=1), ("swapped-torques", (5, 6))
-    )
+    named(with_torques(log, exchanged(tau, 4, 5)), plain_didim(max_iterations=1), ("swapped-torques", (5, 6)))
 
 
 @pytest.mark.slow
