@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-slow test-tools test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-all test-pages test-machines coverage coverage-rust lint bench docs rustflags wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -23,6 +23,7 @@ help:
 	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
 	@echo "make test-pages  pages in a real browser (Debian's chromium), screenshots in out/pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
+	@echo "make test-all  the three of them in one run, which makes what tests share once"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
@@ -38,11 +39,14 @@ $(BIN)/maturin:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2'
 
+# Groups of pyproject.toml, with spaces between, that the first build installs while it compiles.
+GROUPS ?=
 # The package itself, editable: changed Python needs no new build, changed Rust does. What the compiler leaves of the processor
-# installs NumPy and SciPy meanwhile; the second call installs the package that the first one built.
+# installs NumPy, SciPy and GROUPS meanwhile; the second call installs the package that the first one built.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
-	nice $(BIN)/python -m pip install --quiet numpy scipy & \
-	$(BIN)/maturin develop --release --skip-install; built=$$?; wait; exit $$built
+	nice sh -c '$(BIN)/python -m pip install --quiet "pip>=25.1" && $(BIN)/python -m pip install --quiet numpy scipy $(addprefix --group ,$(GROUPS)) \
+		$(if $(GROUPS),&& touch $(addprefix $(VENV)/.group-,$(GROUPS)))' & \
+	installing=$$!; $(BIN)/maturin develop --release --skip-install; built=$$?; wait $$installing && exit $$built
 	$(BIN)/maturin develop --release
 	@touch $@
 
@@ -64,7 +68,11 @@ test-slow: $(VENV)/.built $(VENV)/.group-test
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
 
-test-pages: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-docs $(VENV)/.group-pages
+# Each file's tests beside each other: a half of all tests for each process, until one has no more.
+test-all: $(VENV)/.built $(VENV)/.group-test
+	$(BIN)/python -m pytest -n auto --dist worksteal -m 'not pages'
+
+test-pages: docs $(VENV)/.group-test $(VENV)/.group-pages
 	$(BIN)/python -m pytest -n auto --dist loadgroup -m pages
 
 # One combination after the other; what this processor cannot run is skipped with a sentence.
@@ -91,7 +99,7 @@ lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint $(VENV)/.group-docs
 	$(BIN)/python benches/lines.py --measures
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
-	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --release --workspace --all-targets -- -D warnings
 
 bench: $(VENV)/.built $(VENV)/.group-peers
 	cargo bench
@@ -101,15 +109,24 @@ bench: $(VENV)/.built $(VENV)/.group-peers
 docs: $(VENV)/.built $(VENV)/.group-docs
 	$(BIN)/mkdocs build --strict
 
-# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. maturin asks the first
-# python3 on the path for it. Neither the core nor the SBOM may tell where they were built: rustc writes the places of its sources, and
-# maturin the folder of the project.
+# Neither the core nor the SBOM may tell where they were built: rustc writes the places of its sources, and maturin the folder of the
+# project. What was compiled with the same flags is taken as it is: .ci/run asks for them.
 CARGO_HOME ?= $(HOME)/.cargo
-wheel: $(VENV)/.group-wheels
+WHEEL_FLAGS := --remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim
+rustflags:
+	@echo "$(WHEEL_FLAGS)"
+
+# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. For this processor it
+# links alone; for another one maturin, which asks the first python3 on the path for zig, compiles with it too.
+$(VENV)/zig-cc: $(VENV)/.group-wheels
+	printf '#!/bin/sh\nexport CARGO_ZIGBUILD_ZIG_COMMAND="%s" CARGO_ZIGBUILD_ZIG_COMMAND_ARGS="-m ziglang"\nexec "%s" zig cc -- %s "$$@"\n' \
+		$(abspath $(BIN)/python) $(abspath $(BIN)/maturin) "-g -fno-sanitize=all -target $$(uname -m)-linux-gnu.2.17" >$@
+	@chmod +x $@
+
+wheel: $(VENV)/zig-cc
 	rm -rf dist/built
-	PATH="$(abspath $(BIN)):$$PATH" \
-	RUSTFLAGS="--remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim" \
-	$(BIN)/maturin build --release --strip --zig $(addprefix --target ,$(TARGET)) --compatibility manylinux2014 --out dist/built
+	$(if $(TARGET),PATH="$(abspath $(BIN)):$$PATH") RUSTFLAGS="$(WHEEL_FLAGS)" $(BIN)/maturin build --release --strip \
+		--compatibility manylinux2014 --out dist/built $(if $(TARGET),--zig --target $(TARGET),-- -C linker=$(abspath $(VENV)/zig-cc))
 	$(BIN)/wheel unpack --dest dist/built dist/built/didim-*.whl
 	sed -i 's|path+file://$(CURDIR)|path+file:///didim|g' dist/built/didim-*/*.dist-info/sboms/*.json
 	$(BIN)/wheel pack --dest-dir dist $$(ls -d dist/built/didim-*/)

@@ -24,6 +24,7 @@ With qemu-user-static and binfmt-support the system may be one of another proces
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import re
@@ -34,6 +35,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -211,15 +213,24 @@ def run_examples(place: Place, empty: Path, bare: dict[str, str], python: Path, 
             sys.exit(f"didim example {name} names no commands:\n{printed}")
         needed = EXTRA.search(place.here(empty / name / "README.md").read_text(encoding="utf-8"))
         examples.append((needed.group(1) if needed else "", name, commands))
-    for extra, name, commands in sorted(examples):
-        if extra and (failure := installation(place, python, f"{wheel}[{extra}]")):
-            print(f"  {name}: NOT RUN, pip cannot install didim[{extra}] here: {failure.splitlines()[-1]}")
-        else:
-            start = time.perf_counter()
-            for command in commands:
-                succeed(place, empty / name, bare, ["sh", "-c", command])
+
+    def use(name: str, commands: list[str], needs: str) -> str:
+        start = time.perf_counter()
+        for command in commands:
+            succeed(place, empty / name, bare, ["sh", "-c", command])
+        return f"  {name}: {len(commands)} commands{needs}, {time.perf_counter() - start:.0f} s"
+
+    # Beside each other: a command has one process.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for extra, some in itertools.groupby(sorted(examples), key=lambda example: example[0]):
+            if extra and (failure := installation(place, python, f"{wheel}[{extra}]")):
+                why = f"pip cannot install didim[{extra}] here: {failure.splitlines()[-1]}"
+                print("\n".join(f"  {name}: NOT RUN, {why}" for _, name, _ in some))
+                continue
             needs = f" with didim[{extra}]" if extra else ""
-            print(f"  {name}: {len(commands)} commands{needs}, {time.perf_counter() - start:.0f} s")
+            used = [pool.submit(use, name, commands, needs) for _, name, commands in some]
+            print("\n".join(one.result() for one in used))
+    for _, name, _ in examples:
         shutil.rmtree(place.here(empty / name))
 
 

@@ -1,6 +1,7 @@
 """Pages in a real browser: what is on them has its size and its place, and nothing is fetched.
 
-``make test-pages`` runs it with Debian's Chromium, at two widths and in both colour schemes; screenshots go to ``out/pages``.
+``make test-pages`` runs it with Debian's Chromium on the pages of ``make docs``: each page is loaded once, and seen at two widths
+and in both colour schemes; screenshots go to ``out/pages``.
 """
 
 from __future__ import annotations
@@ -130,10 +131,11 @@ class Folder:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Folder]:
-    """The built documentation, and the README as a package index shows it."""
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
+    """The documentation that ``make docs`` built, and the README as a package index shows it."""
+    if not (ROOT / "site" / "index.html").is_file():
+        pytest.fail("site/ is not built: make docs")
+    folder = tmp_path_factory.mktemp("site") / "site"
+    shutil.copytree(ROOT / "site", folder)
     served = Folder(folder)
     import markdown
 
@@ -203,10 +205,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory, fit: Identification, arm: Ex
     return written
 
 
-def seen(browser: Any, url: str, name: str, width: int, scheme: str) -> tuple[list[str], int]:
-    """Open a page and take its picture; return what is wrong with it, and how many pictures and tables were measured."""
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    page, faults = context.new_page(), []
+def faults_of(browser: Any, url: str, name: str) -> list[str]:
+    """Load a page once, and return what is wrong with it in any of the views, of which it takes pictures."""
+    page, faults = browser.new_page(), []
     page.on("console", lambda told: faults.append(f"console: {told.text}") if told.type == "error" else None)
     page.on("pageerror", lambda error: faults.append(f"script: {error}"))
     page.on(
@@ -218,31 +219,31 @@ def seen(browser: Any, url: str, name: str, width: int, scheme: str) -> tuple[li
         ),
     )
     page.goto(url, wait_until="load")
-    page.wait_for_timeout(300)
-    found = page.evaluate(MEASURE)
-    page.screenshot(path=SCREENSHOTS / f"{name} {width} {scheme}.png".replace(" ", "-"), full_page=True)
-    context.close()
-    return faults + found["faults"], found["pieces"]
+    for width, scheme in VIEWS:
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_timeout(300)
+        state = page.evaluate("[innerWidth, matchMedia('(prefers-color-scheme: dark)').matches]")
+        assert state == [width, scheme == "dark"]
+        found = page.evaluate(MEASURE)
+        faults += [f"{width} {scheme}: {fault}" for fault in found["faults"]]
+        if found["pieces"] == 0:
+            faults.append(f"{width} {scheme}: nothing is shown")
+        page.screenshot(path=SCREENSHOTS / f"{name} {width} {scheme}.png".replace(" ", "-"), full_page=True)
+    page.close()
+    return faults
 
 
-@pytest.mark.parametrize(("width", "scheme"), VIEWS)
+@pytest.mark.xdist_group("reports")
 @pytest.mark.parametrize("name", REPORTS)
-def test_a_page_shows_what_it_holds(
-    browser: Any, pages: dict[str, Path], name: str, width: int, scheme: str
-) -> None:
-    faults, pieces = seen(browser, pages[name].as_uri(), name, width, scheme)
-    assert not faults, "\n".join(faults)
-    assert pieces > 0
+def test_a_page_shows_what_it_holds(browser: Any, pages: dict[str, Path], name: str) -> None:
+    assert faults_of(browser, pages[name].as_uri(), name) == []
 
 
-@pytest.mark.parametrize(("width", "scheme"), VIEWS)
+@pytest.mark.xdist_group("site")
 @pytest.mark.parametrize("name", [*SITE, "README"])
-def test_a_page_of_the_documentation_shows_what_it_holds(
-    browser: Any, site: Folder, name: str, width: int, scheme: str
-) -> None:
-    faults, pieces = seen(browser, f"{site.url}/{SITE.get(name, 'readme.html')}", name, width, scheme)
-    assert not faults, "\n".join(faults)
-    assert pieces > 0
+def test_a_page_of_the_documentation_shows_what_it_holds(browser: Any, site: Folder, name: str) -> None:
+    assert faults_of(browser, f"{site.url}/{SITE.get(name, 'readme.html')}", name) == []
 
 
 @pytest.fixture(scope="module")
@@ -261,14 +262,15 @@ AXES_PX = 90
 """Size (pixels) of the small axes in the lower left corner."""
 
 
-@pytest.mark.parametrize(("width", "scheme"), VIEWS)
+@pytest.mark.xdist_group("site")
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (400, "dark")])
 def test_the_view_shows_the_robot_within_its_window(browser: Any, view: str, width: int, scheme: str) -> None:
     context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=scheme)
     page, errors = context.new_page(), list[str]()
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(view)
     panel = page.get_by_text("joint axes").first
-    panel.wait_for(timeout=20_000)
+    panel.wait_for(timeout=120_000)
     page.wait_for_timeout(5000)
     path = SCREENSHOTS / f"view-{width}-{scheme}.png"
     page.screenshot(path=path)
@@ -292,6 +294,7 @@ def test_the_view_shows_the_robot_within_its_window(browser: Any, view: str, wid
     assert max(np.ptp(rows) / covered, np.ptp(columns) / width) > 0.4
 
 
+@pytest.mark.xdist_group("site")
 def test_the_socket_of_the_view_refuses_another_origin(view: str) -> None:
     address = view.replace("http", "ws", 1)
     with urllib.request.urlopen(view) as page:
