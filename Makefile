@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-slow test-tools test-all test-pages test-machines coverage coverage-rust lint bench docs rustflags wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-all test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -109,24 +109,15 @@ bench: $(VENV)/.built $(VENV)/.group-peers
 docs: $(VENV)/.built $(VENV)/.group-docs
 	$(BIN)/mkdocs build --strict
 
-# Neither the core nor the SBOM may tell where they were built: rustc writes the places of its sources, and maturin the folder of the
-# project. What was compiled with the same flags is taken as it is: .ci/run asks for them.
+# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. maturin asks the first
+# python3 on the path for it. Neither the core nor the SBOM may tell where they were built: rustc writes the places of its sources, and
+# maturin the folder of the project.
 CARGO_HOME ?= $(HOME)/.cargo
-WHEEL_FLAGS := --remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim
-rustflags:
-	@echo "$(WHEEL_FLAGS)"
-
-# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. For this processor it
-# links alone; for another one maturin, which asks the first python3 on the path for zig, compiles with it too.
-$(VENV)/zig-cc: $(VENV)/.group-wheels
-	printf '#!/bin/sh\nexport CARGO_ZIGBUILD_ZIG_COMMAND="%s" CARGO_ZIGBUILD_ZIG_COMMAND_ARGS="-m ziglang"\nexec "%s" zig cc -- %s "$$@"\n' \
-		$(abspath $(BIN)/python) $(abspath $(BIN)/maturin) "-g -fno-sanitize=all -target $$(uname -m)-linux-gnu.2.17" >$@
-	@chmod +x $@
-
-wheel: $(VENV)/zig-cc
+wheel: $(VENV)/.group-wheels
 	rm -rf dist/built
-	$(if $(TARGET),PATH="$(abspath $(BIN)):$$PATH") RUSTFLAGS="$(WHEEL_FLAGS)" $(BIN)/maturin build --release --strip \
-		--compatibility manylinux2014 --out dist/built $(if $(TARGET),--zig --target $(TARGET),-- -C linker=$(abspath $(VENV)/zig-cc))
+	PATH="$(abspath $(BIN)):$$PATH" \
+	RUSTFLAGS="--remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim" \
+	$(BIN)/maturin build --release --strip --zig $(addprefix --target ,$(TARGET)) --compatibility manylinux2014 --out dist/built
 	$(BIN)/wheel unpack --dest dist/built dist/built/didim-*.whl
 	sed -i 's|path+file://$(CURDIR)|path+file:///didim|g' dist/built/didim-*/*.dist-info/sboms/*.json
 	$(BIN)/wheel pack --dest-dir dist $$(ls -d dist/built/didim-*/)
