@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-slow test-tools test-all test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-slow test-tools test-pages test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -23,7 +23,6 @@ help:
 	@echo "make test-slow  tests of a second or more: whole real logs, many seeds, whole pages"
 	@echo "make test-pages  pages in a real browser (Debian's chromium), screenshots in out/pages"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
-	@echo "make test-all  the three of them in one run, which makes what tests share once"
 	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
@@ -67,10 +66,6 @@ test-slow: $(VENV)/.built $(VENV)/.group-test
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist loadfile -m tools
-
-# Each file's tests beside each other: a half of all tests for each process, until one has no more.
-test-all: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -n auto --dist worksteal -m 'not pages'
 
 test-pages: docs $(VENV)/.group-test $(VENV)/.group-pages
 	$(BIN)/python -m pytest -n auto --dist loadgroup -m pages
