@@ -70,6 +70,9 @@ def test_a_law_that_searches_refused_is_tried_again_beside_all_others(
     experiment = replace(log(robot, x, noise=0.1), robot=planar(dead_zone=0.02))
     made: list[Screen] = []
     begin = choice._Search.__init__
+    # A law of the robot's own stays beside them.
+    own = FrictionTerm(law="forward", joint=0)
+    experiment = replace(experiment, robot=experiment.robot.with_terms([own]))
 
     def refusing(self: choice._Search, screen: Screen) -> None:
         begin(self, screen)
@@ -81,6 +84,9 @@ def test_a_law_that_searches_refused_is_tried_again_beside_all_others(
     fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
     assert len(made) == 3
     assert {"Fa1", "Fl2"} <= {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    before, after = fit.settings["friction"]["held_out_error"]
+    assert after < 0.8 * before
+    assert "Fvp1" in fit.names
 
 
 def test_a_log_without_further_friction_keeps_its_terms() -> None:

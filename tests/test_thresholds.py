@@ -707,25 +707,28 @@ def test_columns_of_a_similar_motion_have_the_same_error(factor: float, correcte
 
 
 @pytest.mark.parametrize(
-    ("plain", "constrained", "found"),
+    ("plain", "constrained", "unknowns", "found"),
     [
-        (0.10, 0.120, None),
-        (0.10, 0.130, False),
-        (0.45, 0.48, None),
-        (0.45, 0.52, True),
+        (0.10, 0.120, 1, None),
+        (0.10, 0.130, 1, False),
+        (0.10, 0.170, 500, None),
+        (0.10, 0.180, 500, False),
+        (0.45, 0.48, 1, None),
+        (0.45, 0.52, 1, True),
+        (1e-15, 1e-12, 1, None),
     ],
 )
 def test_only_parameters_of_no_robot_explain_a_log(
-    plain: float, constrained: float, found: bool | None
+    plain: float, constrained: float, unknowns: int, found: bool | None
 ) -> None:
-    """None: nothing found; True: the model explains hardly anything."""
+    """None: nothing found; True: the model explains hardly anything. Many unknowns follow the noise of 1000 rows."""
     record = {
         "plain_relative_error": plain,
         "constrained_relative_error": constrained,
         "plain_relative_errors": [],
         "constrained_relative_errors": [],
     }
-    told = diagnosis(stub(record=record))
+    told = diagnosis(stub(record=record, residual=np.zeros(1000), solution=np.zeros(unknowns)))
     assert (told[0].hopeless if told else None) == found
 
 

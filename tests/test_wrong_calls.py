@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 import didim
+import simulated
 from arm import arm_log
-from didim import Experiment, Identification
+from didim import Experiment, Identification, _core
 from didim.cli.main import main
 from didim.evidence.applied.load import ABSURD, load_findings
 from didim.evidence.products import Products
 from didim.result.finding import Finding
+from didim.signal.filters import differentiate
 from didim.studies.loaded import as_fitted
 from scripts import script
 
@@ -103,6 +105,26 @@ def test_what_no_robot_explains_is_told_and_is_no_load(
     assert "carries a load" not in out
     assert main(["identify", "log.toml", "--plain"]) == 0
     assert "Verdict: sound" in capsys.readouterr().out
+
+
+def test_a_load_whose_mass_the_log_does_not_tell_is_named() -> None:
+    """Vertical axes, the first joint at rest: the log tells moments of the load alone."""
+    robot = didim.load_robot("planar2")
+    robot = replace(robot, geometry=replace(robot.geometry, gravity=(0.0, 0.0, 0.0)))
+    x = robot.parameter_set("reference")
+    fit = didim.identify(
+        simulated.experiment(robot, simulated.log(robot, x, n_samples=6000, noise=0.1)), didim.IDIMLS()
+    )
+    x = x.copy()
+    for name, value in (("M2", 1.0), ("MX2", 0.3), ("YY2", 0.09), ("ZZ2", 0.09)):
+        x[robot.parameter_names.index(name)] += value
+    q = simulated.motion(2, 4000, 5)
+    q[:, 0] = q[0, 0]
+    tau = _core.inverse_dynamics(robot.core, *differentiate(q, simulated.RATE_HZ, simulated.SIGNAL), x)
+    tau = np.asarray(tau) + 0.1 * np.random.default_rng(1).standard_normal(tau.shape)
+    other = didim.Recording.from_arrays(q, tau, rate_hz=simulated.RATE_HZ, name="other")
+    found = didim.validate(fit, simulated.experiment(robot, other)).verdict.reasons
+    assert found[0].code == "undeclared-load"
 
 
 def test_no_load_has_a_bound_in_the_sentence() -> None:

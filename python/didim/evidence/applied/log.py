@@ -48,7 +48,7 @@ from ..thresholds import (
     SIZE_DOUBTFUL,
     SIZE_WRONG,
 )
-from .load import CLEAR_SIGMA
+from .load import CLEAR_SIGMA, MASS
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +260,17 @@ class _Change:
 
     @property
     def carried(self) -> bool:
-        """Whether the load has a mass, or one that the log does not tell: moments without it are errors of the robot's links."""
-        return self.mass is None or self.mass[0] > CLEAR_SIGMA * self.mass[1]
+        """Whether the load may be a body, or one that was taken off: no moment of inertia clearly has the other sign than its mass.
+
+        Errors of the robot's links are no body. Where the log tells combinations of the ten parameters alone, signs say nothing.
+        """
+        if len(self.load) < len(INERTIAL):
+            return True
+        ten, clear = (
+            values[-len(INERTIAL) :] for values in (self.judged.beta, CLEAR_SIGMA * self.judged.std)
+        )
+        moments = [INERTIAL.index(name) for name in ("XX", "YY", "ZZ")]
+        return not np.any((-ten if ten[MASS] < -clear[MASS] else ten)[moments] < -clear[moments])
 
     def finding(self, rows: LogRows) -> Finding:
         """Return the finding of a load, or of friction."""

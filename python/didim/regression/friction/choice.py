@@ -3,7 +3,8 @@
 Candidates at every joint are a sign that is kept through rest (``hold``), torque at standstill, atan or Stribeck at several
 velocities, load and forward viscous friction, Dahl's memory of several displacements, and a spring. Ten blocks of the log are left
 out in turn, and each is predicted from the others by a robot that can exist (``screen.py``). A round takes the best law of every
-joint, ``hold`` alone or with another law; at the end each is judged by leaving it out, and velocities are refined.
+joint, ``hold`` alone or with another law; at the end each is judged by leaving it out, and velocities are refined. Then the laws
+that were refused are tried again beside all of these.
 
 Blocks left out repeat the combinations of the log. A law that moves the torque of links and rotors along new combinations of the
 same positions, velocities and accelerations cannot be separated from them, whatever it gains, and is refused. Tested in
@@ -260,7 +261,7 @@ def _delayed(
     return samples, TermGain.of("delay", worth) if worth.supported and clear else None
 
 
-def choose_terms(
+def choose_terms(  # long: three searches, each with what the one before found
     model: Model,
     parts: Sequence[Window],
     signal: SignalProcessing,
@@ -319,9 +320,13 @@ def choose_terms(
     trial = settle([move.term for move in moves])
     # What a search refuses early may be supported beside all laws, their velocities refined.
     further, found = _beside(trial.model, parts, signal, solve, narrowest, range(robot.n_dof))
+    after = further.screen.error(found)
     if found != State():
-        moves += further.moves(found)
-        trial = settle([*trial.robot.friction.terms, *further.screen.terms(found)])
+        found, others = further.compared(found)
+        rivals |= others
+        moves = sorted([*moves, *further.moves(found)], key=lambda move: -move.worth.nats)
+        trial = settle([move.term for move in moves])
+    refused = {**last.refused, **further.refused}
     values = dict(zip(trial.model.unknowns.names, trial.beta, strict=True))
     # Load friction, memory and stiffness below zero would drive the joint.
     chosen = tuple(
@@ -332,16 +337,21 @@ def choose_terms(
     added = {term.parameter for term in chosen}
     return FrictionChoice(
         friction=replace(robot.friction, terms=chosen, auto=False),
-        velocities=(
-            *start.velocities,
-            *(velocity for velocity in trial.velocities if velocity.parameter in added),
+        velocities=tuple(
+            {
+                one.parameter: one for one in (*start.velocities, *trial.velocities) if one.parameter in added
+            }.values()
         ),
         gains=tuple(
             TermGain.of(move.term.parameter, move.worth) for move in moves if move.term.parameter in added
         ),
-        untold=tuple(TermGain.of(move.term.parameter, move.worth) for move in last.refused.values()),
+        untold=tuple(
+            TermGain.of(move.term.parameter, move.worth)
+            for family, move in refused.items()
+            if family not in {law_at(term) for term in chosen}
+        ),
         held_out_before=before,
-        held_out_after=last.screen.error(state),
+        held_out_after=after,
         without_memory=joints_without_memory(plain, narrowest.tolist()),
     )
 
