@@ -38,7 +38,7 @@ class LeastSquaresSettings:
     blocks : int
         Number of time blocks of the jackknife, at least 2; fewer if there are few rows, or where errors outlast blocks.
     physical : bool, optional
-        Solve (7) under the conditions of a robot, by any method that solves it, CLOE does not; by default the method decides
+        Solve (7) under the conditions of a robot, by any method but CLOE, which does not solve it; by default the method decides
         (``test_identify.py``).
 
     Raises

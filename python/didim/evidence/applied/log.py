@@ -252,7 +252,7 @@ class _Change:
 
     @property
     def mass(self) -> tuple[float, float] | None:
-        """Mass of a load and its standard deviation (kg); None where the log does not tell it."""
+        """Mass of a load and its standard deviation (kg); None where it has no column of its own."""
         if "M" not in self.load:
             return None
         place = self.load.index("M") - len(self.load)
