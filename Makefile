@@ -36,14 +36,14 @@ help:
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "didim needs Python 3.11 or later")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2'
+	$(BIN)/python -m pip install --quiet 'pip>=25.1' 'maturin>=1.16,<2'
 
 # Groups of pyproject.toml, with spaces between, that the first build installs while it compiles.
 GROUPS ?=
 # The package itself, editable: changed Python needs no new build, changed Rust does. What the compiler leaves of the processor
 # installs NumPy, SciPy and GROUPS meanwhile; the second call installs the package that the first one built.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
-	nice sh -c '$(BIN)/python -m pip install --quiet "pip>=25.1" && $(BIN)/python -m pip install --quiet numpy scipy $(addprefix --group ,$(GROUPS)) \
+	nice sh -c '$(BIN)/python -m pip install --quiet numpy scipy $(addprefix --group ,$(GROUPS)) \
 		$(if $(GROUPS),&& touch $(addprefix $(VENV)/.group-,$(GROUPS)))' & \
 	installing=$$!; $(BIN)/maturin develop --release --skip-install; built=$$?; wait $$installing && exit $$built
 	$(BIN)/maturin develop --release
@@ -51,7 +51,6 @@ $(VENV)/.built: $(BIN)/maturin $(RUST)
 
 # The dependency groups of pyproject.toml: .venv/.group-test and so on.
 $(VENV)/.group-%: pyproject.toml | $(BIN)/maturin
-	$(BIN)/python -m pip install --quiet 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --group $*
 	@touch $@
 
