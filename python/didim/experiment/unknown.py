@@ -24,12 +24,13 @@ _OF_DRIVES = {
     "delay_s": ("s", 0.0, 0.1),
     "lag_s": ("s", 0.0, 0.1),
     "bias_rad": ("rad", -0.1, 0.1),
+    "acceleration": ("rad/s^2", 1.0, 1e4),
     SOFT[0]: ("s", 1e-6, 1.0),
     SOFT[1]: ("s", 1e-3, 0.1),
 }
 DRIVE = tuple(_OF_DRIVES)
 """Unknowns of position servos ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, with the reference behind a first-order
-lag, and of their friction."""
+lag or a set-point whose acceleration is limited, and of their friction."""
 UNITS = {kind: unit for kind, (unit, _, _) in _OF_DRIVES.items()}
 """Units of the unknowns of revolute joints."""
 RANGES = {kind: (low, high) for kind, (_, low, high) in _OF_DRIVES.items()}
@@ -85,8 +86,8 @@ def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
 
 
 def _shared(table: Table, kind: str) -> Shared:
-    """Read `shared`: true means the whole robot. Delays and lags are shared by default, as drives on one bus have the same."""
-    given = table.raw("shared", kind in ("delay_s", "lag_s"))
+    """Read `shared`: true means the whole robot. Those of commands are shared by default: drives on one bus have the same."""
+    given = table.raw("shared", kind in ("delay_s", "lag_s", "acceleration"))
     if isinstance(given, bool):
         given = "robot" if given else "joint"
     if given not in get_args(Shared):

@@ -7,6 +7,7 @@ half a step early. `for_step` takes both off. Tested in ``tests/test_export_driv
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -57,6 +58,8 @@ class JointDrive:
         Largest torque or force of the servo; None without a limit.
     delay_s, lag_s : float
         Delay of commands, and time constant of a first-order lag after it (s).
+    acceleration : float
+        Largest acceleration (rad/s^2 or m/s^2) of the set-point that follows the commands.
     stiffness, rest : float
         Spring of the joint, ``Ks`` (N.m/rad or N/m), and the position (rad or m) at which it has no torque.
     offset : float
@@ -81,6 +84,7 @@ class JointDrive:
     effort: float | None = None
     delay_s: float = 0.0
     lag_s: float = 0.0
+    acceleration: float = math.inf
     stiffness: float = 0.0
     rest: float = 0.0
     offset: float = 0.0
@@ -207,6 +211,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 effort=given.get("saturation"),
                 delay_s=given.get("delay_s") or 0.0,
                 lag_s=given.get("lag_s") or 0.0,
+                acceleration=given.get("acceleration") or math.inf,
                 stiffness=stiffness,
                 rest=-offset / stiffness if stiffness else 0.0,
                 offset=0.0 if stiffness else offset,
@@ -260,6 +265,10 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     if delay := max(drive.delay_s for drive in joints):
         sentences.append(
             f"commands act {1e3 * delay:.4g} ms late: hold them back by as much in the simulation"
+        )
+    if (most := min(drive.acceleration for drive in joints)) < math.inf:
+        sentences.append(
+            f"set-points accelerate by at most {most:.4g} rad/s^2: no file has this, so plan the commands of fast motions"
         )
     return sentences
 

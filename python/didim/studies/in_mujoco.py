@@ -315,7 +315,8 @@ def replayed(
         None if actuator is None or model.actuator_actadr[actuator] < 0 else actuator for actuator in servo
     ]
     lags = [drive.lag_s if own is None else 0.0 for drive, own in zip(drives.joints, filters, strict=True)]
-    target = Held(commands, rate_hz).means(edges, delay, np.array(lags))
+    most = np.array([drive.acceleration for drive in drives.joints])
+    target = Held(commands, rate_hz).means(edges, delay, np.array(lags), most)
     target = target - np.array([drive.shift for drive in drives.joints])
     bias = np.array([drive.bias_rad for drive in drives.joints])
     kp, kv = (np.array([getattr(drive, key) or 0.0 for drive in drives.joints]) for key in ("kp", "kv"))

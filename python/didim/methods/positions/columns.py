@@ -142,6 +142,10 @@ def file_values(experiment: Experiment, given: Mapping[str, float] | None = None
             [0.0 if servo is None else servo.lag_s for servo in robot.actuators or [None] * robot.n_dof]
         ),
     }
+    if "acceleration" in experiment.unknown:
+        drive["acceleration"] = np.full(robot.n_dof, np.inf)
+        if "lag_s" in experiment.unknown or drive["lag_s"].any():
+            raise FitError(f"{experiment.name}: [unknown.acceleration] is for servos without lag_s")
     drive |= dict(zip(SOFT, np.transpose(robot.softness or [SOFTNESS] * robot.n_dof), strict=True))
     for kind, unknown in experiment.unknown.items():
         if unknown.start is not None and kind in drive:
@@ -196,10 +200,8 @@ def columns_of(
         unknown, at = experiment.unknown.get(kind, Unknown()), list(joints)
         if kind in DRIVE:
             start, unit = float(np.mean(values.drive[kind][at])), UNITS[kind]
-            if kind == "saturation" and not math.isfinite(start):
-                raise FitError(
-                    f"[unknown.saturation] needs a start, for [controller] has no saturation ({name})"
-                )
+            if not math.isfinite(start):
+                raise FitError(f"[unknown.{kind}] needs a start, for [controller] has no {kind} ({name})")
             start = min(max(start, unknown.low), unknown.high)
             if any(robot.joint_kinds[joint] == "prismatic" for joint in joints):
                 unit = unit.replace("N.m", "N").replace("rad", "m")

@@ -34,7 +34,7 @@ ALONE: Mapping[str, float] = {
 12, with an error curve whose minimum is at zero; biases have their own sentence where gravity does not show them."""
 USUALLY_ALONE = 3.0
 """Largest `f` at which any other unknown is separated."""
-SHARE = {"kp": 0.5, "kv": 1.0, "saturation": 0.5}
+SHARE = {"kp": 0.5, "kv": 1.0, "saturation": 0.5, "acceleration": 0.5}
 """Change of an unknown, as a share, whose unique effect must exceed the errors; for delays and lags it is one sample of the
 log. On the Go2 log, where kp is 20 N.m/rad and a free one ends between 17.5 and 19.7 with Fv at zero, half of kp has 0.04 to
 0.24 of the errors; on a simulated hobby arm whose steps saturate, 1.7 to 13 times the errors."""
@@ -56,6 +56,7 @@ WITHOUT_EFFECT = {
     "kp": RATIOS,
     "bias_rad": "a bias has no effect where gravity does not turn with the joint, for the loop reads that encoder",
     "saturation": "the limit of the torque is never reached",
+    "acceleration": "no command needs that acceleration",
 }
 """Sentence on an unknown that moves nothing, by its kind; others have no effect on the motion."""
 EXCHANGEABLE = {

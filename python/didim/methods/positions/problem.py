@@ -255,6 +255,7 @@ class Problem:
             "delay_s": 0.2,
             "lag_s": 0.2,
             "bias_rad": 0.1,
+            "acceleration": self.values.drive.get("acceleration", 1.0),
             **dict(zip(SOFT, SOFTNESS, strict=True)),
         }
         share = 3e-2 if self.sticks else 1e-3

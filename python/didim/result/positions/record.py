@@ -23,7 +23,7 @@ class PositionRecord:
         held one.
     drive : mapping
         Parameters of the simulated servos, one per joint: "kp", "kv", "saturation" (None without), "delay_s", "lag_s",
-        "bias_rad".
+        "bias_rad", and "acceleration" if it was unknown.
     errors : mapping
         Root mean square position errors (rad or m), one per joint: "before", "after", and "held_out" or None.
     limbs : sequence of mapping
