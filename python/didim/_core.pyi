@@ -29,6 +29,7 @@ __all__ = [
     "observation",
     "parse_table",
     "regressor",
+    "set_point_areas",
     "simulate",
     "simulate_cost",
     "simulate_servos",
@@ -223,6 +224,7 @@ def simulate(
 def simulate_servos(
     setting: _Setting, x: _Array, rows: _Array, targets: _Array, threads: int | None = None
 ) -> tuple[_Array, list[_Ending]]: ...
+def set_point_areas(goals: _Array, rate: float, acceleration: float, times: _Array) -> _Array: ...
 def simulate_cost(
     setting: _Setting,
     x: _Array,

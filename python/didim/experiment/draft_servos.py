@@ -21,9 +21,11 @@ THIN = 1e-6
 
 
 DELAY = (
-    "# What else is unknown of the drives: kp, kv, saturation, lag_s, bias_rad; each with start, min, max, sigma, shared.",
+    "# What else is unknown of the drives: kp, kv, saturation, lag_s, acceleration, bias_rad; each with start, min, max, sigma,",
+    "# shared.",
     "[unknown]",
     "delay_s = { max = 0.025, shared = true }",
+    "# acceleration = { start = 39.0, sigma = 1.0 } # rad/s^2, of set-points: register 254 of an STS3215",
 )
 """Lines that declare the unknowns of servos: all motors on one bus share one delay."""
 

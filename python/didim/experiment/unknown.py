@@ -17,6 +17,8 @@ Shared = Literal["joint", "limb", "robot", "log"]
 SOFT = ("creep_s", "rest_s")
 """Unknowns of MuJoCo's friction loss (s): a joint that sticks under a torque tau creeps with ``creep_s tau (M^-1)_jj``, which it
 approaches with the time constant ``rest_s``."""
+ACCELERATION = "acceleration"
+"""Largest acceleration (rad/s^2) with which the set-point of a servo follows its commands."""
 _OF_DRIVES = {
     "kp": ("N.m/rad", 0.0, math.inf),
     "kv": ("N.m.s/rad", 0.0, math.inf),
@@ -24,7 +26,7 @@ _OF_DRIVES = {
     "delay_s": ("s", 0.0, 0.1),
     "lag_s": ("s", 0.0, 0.1),
     "bias_rad": ("rad", -0.1, 0.1),
-    "acceleration": ("rad/s^2", 1.0, 1e4),
+    ACCELERATION: ("rad/s^2", 1.0, 1e4),
     SOFT[0]: ("s", 1e-6, 1.0),
     SOFT[1]: ("s", 1e-3, 0.1),
 }
@@ -73,6 +75,7 @@ def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
     for kind in table.content:
         if kind not in known:
             table.fail(f"there is no unknown {kind!r}; there are {series(known)}")
+    for kind in (kind for kind in known if kind in table.content):
         part = table.table(kind)
         low, high = RANGES.get(kind, (-math.inf, math.inf))
         low, high = part.number("min", low), part.number("max", high)
@@ -87,7 +90,7 @@ def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
 
 def _shared(table: Table, kind: str) -> Shared:
     """Read `shared`: true means the whole robot. Those of commands are shared by default: drives on one bus have the same."""
-    given = table.raw("shared", kind in ("delay_s", "lag_s", "acceleration"))
+    given = table.raw("shared", kind in ("delay_s", "lag_s", ACCELERATION))
     if isinstance(given, bool):
         given = "robot" if given else "joint"
     if given not in get_args(Shared):

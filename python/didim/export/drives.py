@@ -262,10 +262,12 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     elif offsets:
         names = series(drive.joint for drive in offsets)
         sentences.append(f"torque offsets of {names} are left out: no format can represent them")
-    if delay := max(drive.delay_s for drive in joints):
+    if (delay := max(drive.delay_s for drive in joints)) > 0.0:
         sentences.append(
             f"commands act {1e3 * delay:.4g} ms late: hold them back by as much in the simulation"
         )
+    elif delay < 0.0:
+        sentences.append(f"positions are read {-1e3 * delay:.4g} ms after commands act, which no file has")
     if (most := min(drive.acceleration for drive in joints)) < math.inf:
         sentences.append(
             f"set-points accelerate by at most {most:.4g} rad/s^2: no file has this, so plan the commands of fast motions"

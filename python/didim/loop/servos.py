@@ -8,7 +8,7 @@ Tested in ``tests/test_positions.py``.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,6 @@ class Held:
 
     values: Array
     rate_hz: float
-    _plans: dict[tuple[float, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     def jumps(self, delay_s: float) -> list[float]:
         """Return the times (s) at which a joint's reference jumps, delay included."""
@@ -62,7 +61,7 @@ class Held:
         limits = np.broadcast_to(acceleration, out.shape[1])
         for joint, (delay, lag, most) in enumerate(zip(delay_s, lag_s, limits, strict=True)):
             if np.isfinite(most):
-                area = self._planned_area(joint, edges - delay, tuple(limits.tolist()))
+                area = _core.set_point_areas(self.values[:, joint], self.rate_hz, most, edges - delay)
             else:
                 area = self._area(joint, edges - delay, float(lag))
             out[:, joint] = np.diff(area) / np.diff(edges)
@@ -86,50 +85,6 @@ class Held:
         below = np.concatenate([[0.0], np.cumsum(r * period + inside)[:-1]])
         grown = 1.0 - np.exp(-np.clip(since, 0.0, SETTLED * lag) / lag)
         return np.asarray(below[at] + r[at] * since + lag * grown * (f - r)[at])
-
-    def _planned_area(self, joint: int, t: Array, limits: tuple[float, ...]) -> Array:
-        """Return the integral of a joint's set-point from time 0 to times, (n_times,), with largest accelerations of all joints."""
-        if limits not in self._plans:
-            self._plans[limits] = self._plan(np.array(limits))
-        period, most = 1.0 / self.rate_hz, limits[joint]
-        at = np.clip(np.floor(t * self.rate_hz).astype(np.int64), 0, len(self.values) - 1)
-        below, s, v = self._plans[limits][at, :, joint].T
-        return np.asarray(below + _planned(self.values[at, joint], s, v, most, t - at * period)[0])
-
-    def _plan(self, limits: Array) -> Array:
-        """Return integral, position and velocity of the set-points at each sample, (n_samples, 3, n_dof).
-
-        Each sample is a goal, which the set-point heads for in the shortest time; one that stands at a goal of two samples or more
-        jumps to the next.
-        """
-        most = np.where(np.isfinite(limits), limits, 1.0)
-        states = np.zeros((len(self.values), 3, len(most)))
-        area, v = np.zeros((2, len(most)))
-        old = older = s = self.values[0]
-        for k, goal in enumerate(self.values):
-            s = np.where((s == old) & (old == older) & (v == 0.0), goal, s)
-            states[k] = area, s, v
-            more, s, v = _planned(goal, s, v, most, 1.0 / self.rate_hz)
-            area, older, old = area + more, old, goal
-        return states
-
-
-def _planned(
-    goal: Array, s: Array, v: Array, most: Array | float, t: Array | float
-) -> tuple[Array, Array, Array]:
-    """Return integral, position and velocity after times of the fastest way from a state to rest at a goal, elementwise."""
-    away = np.sign(goal - s - v * np.abs(v) / (2.0 * most)) * most
-    peak = np.sqrt(np.maximum(away * (goal - s) + 0.5 * v * v, 0.0))
-    x = np.clip(t, np.minimum(t, 0.0), (peak - np.sign(away) * v) / most)
-    y = np.clip(t - x, 0.0, peak / most)
-    faster = v + away * x
-    turn = s + v * x + 0.5 * away * x**2
-    slower = faster - away * y
-    end = turn + faster * y - 0.5 * away * y**2
-    area = (s + 0.5 * v * x + away * x**2 / 6.0) * x + (turn + 0.5 * faster * y - away * y**2 / 6.0) * y
-    rest = t - x - y
-    arrived = rest > 0.0
-    return area + end * rest, np.where(arrived, goal, end), np.where(arrived, 0.0, slower)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ mod _core {
     #[pymodule_export]
     use super::robot::Robot;
     #[pymodule_export]
-    use super::servos::simulate_servos;
+    use super::servos::{set_point_areas, simulate_servos};
     #[pymodule_export]
     use super::signal::{decimate, filtfilt, observation, parse_table};
     #[pymodule_export]

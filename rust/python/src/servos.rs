@@ -5,7 +5,8 @@ use super::closed_loop::{Ending, Setting, ending, run};
 use super::wrong;
 use didim::closed_loop::observers::Positions;
 use didim::closed_loop::servo::Servos;
-use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use didim::closed_loop::set_point::areas;
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 /// Positions `(m, n_records, n_dof)` of candidates `x`, `(m, n_parameters)`, that servos drive: `rows` has a row for each, and
@@ -38,4 +39,17 @@ pub(super) fn simulate_servos<'py>(
         }
     }
     Ok((PyArray1::from_vec(py, q).reshape([m, records, n])?, endings))
+}
+
+/// Integrals `(n_times,)` from time 0 to `times` of a set-point between `goals`, `(n_samples,)`, with a largest acceleration.
+#[pyfunction]
+pub(super) fn set_point_areas<'py>(
+    py: Python<'py>,
+    goals: PyReadonlyArray1<'py, f64>,
+    rate: f64,
+    acceleration: f64,
+    times: PyReadonlyArray1<'py, f64>,
+) -> Bound<'py, PyArray1<f64>> {
+    let (goals, times) = (goals.as_array().to_vec(), times.as_array().to_vec());
+    PyArray1::from_vec(py, areas(&goals, rate, acceleration, &times))
 }

@@ -15,5 +15,6 @@ pub mod runge_kutta;
 pub mod sampled;
 pub mod schedule;
 pub mod servo;
+pub mod set_point;
 pub mod simulate;
 pub mod simulation;

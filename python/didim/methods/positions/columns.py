@@ -217,7 +217,7 @@ def columns_of(
 
 
 def _asked(experiment: Experiment, limbs: Sequence[Limb]) -> list[Asked]:
-    """Return all unknowns, those of each joint first."""
+    """Return all unknowns, those of each joint first, then those of drives in the order of the experiment."""
     robot, known = experiment.robot, {*experiment.dropped, *experiment.fixed}
     every = tuple(range(robot.n_dof))
     asked: list[Asked] = []
@@ -225,7 +225,7 @@ def _asked(experiment: Experiment, limbs: Sequence[Limb]) -> list[Asked]:
         name = f"{kind}{joint + 1}"
         if name in robot.parameter_names and name not in known and kind not in experiment.dropped:
             asked.append((kind, (joint,), None, name))
-    for kind in (kind for kind in DRIVE if kind in experiment.unknown):
+    for kind in (kind for kind in experiment.unknown if kind in DRIVE):
         groups: dict[Shared, list[Asked]] = {
             "joint": [(kind, (joint,), None, f"{kind}{joint + 1}") for joint in every],
             "limb": [(kind, limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs],

@@ -41,6 +41,7 @@ from .intervals import (
 from .knowledge import by_sentence, held_at, unidentified, weak_pairs
 from .laws import (
     LEAST_M,
+    of_planned_set_points,
     search_of_either_friction,
     searched,
     with_explained_stretches,
@@ -97,11 +98,16 @@ def identify_positions(
         "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
         "reporter": reporter,
     }
-    shift = np.zeros(len(now.theta))
     if may_be_soft(experiment):
         now, shift = search_of_either_friction(now, options)
     else:
         now = searched(now, options)
+        shift = np.zeros(len(now.theta))
+    planned = of_planned_set_points(now, options)
+    if planned is not now:
+        now, shift = planned, np.zeros(len(planned.theta))
+        if may_be_soft(experiment) and not (now.problem.soft or now.problem.sticks):
+            now, shift = search_of_either_friction(now, options)
     rest = without_pushes(now, options)
     if rest is not now and may_be_soft(experiment) and not (rest.problem.soft or rest.problem.sticks):
         # Pushes had hidden the law of friction.

@@ -5,7 +5,7 @@ Tested in ``tests/test_positions.py`` and ``tests/test_in_mujoco.py``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import RANGES, SOFT, Shared, Unknown
+from ...experiment.unknown import ACCELERATION, RANGES, SOFT, Shared, Unknown
 from ...result.iteration import Status
 from ...signal.noise import encoder_noise
 from .intervals import LASTING, errors_over_noise
@@ -37,7 +37,7 @@ HIGHER = 1.1
 1.02 for the true gains of the Go2 log, which chose it."""
 OF_FRICTION = 0.5
 """Share of the squared errors of a stretch that other friction of its joint must explain, so that they are none of a push."""
-HARD = 5e-5, 2.5e-3
+HARD = dict(zip(SOFT, (5e-5, 2.5e-3), strict=True))
 """Creep and rest (s) from which those of friction that a smooth sign fits better are searched: a quarter or less of MuJoCo's."""
 STILL = 1e-3
 """Smallest velocity (rad/s or m/s) of a smooth sign that is compared: a harder one needs shorter steps."""
@@ -45,6 +45,11 @@ LEAST_M = 1e-6
 """Noise (rad or m) that a log has at least where another softness of friction is looked for: the rounding of logs as text."""
 SHARED: tuple[Shared, Shared] = ("joint", "robot")
 """Joints that share a creep and a rest: the first depends on the armature with which MuJoCo compiled a file."""
+ACCELERATIONS = tuple(10.0 * 2.0**k for k in range(5))
+"""Largest accelerations of set-points (rad/s^2) from which one is searched: that of a bus servo is 39, and a loop follows what is
+faster than the last."""
+STRETCHES = 12
+"""Number of stretches of a rollout, of which one is left out."""
 PROMISED = 0.65
 """Share of the squared errors, promised by another softness of friction, above which it is not searched. Simulated legs whose
 friction has 0.6 to 2.5 times the default time constant have 0.01 to 0.4, with armatures changed without mj_setConst up to 0.62."""
@@ -101,7 +106,7 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
         return now, shift
-    if (promise := _promised(replace(now.problem, soft=True, sticks=False), now)) is not None:
+    if (promise := _promised(replace(now.problem, soft=True, sticks=False), now, {})) is not None:
         start, shift, cost = promise
         if cost < SOFTER * now.cost:
             options["reporter"].say(
@@ -122,7 +127,7 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     problem = now.problem
     if not now.status.converged or {*SOFT} & {*problem.experiment.unknown} or not _unexplained(now):
         return now, shift
-    start = _promised(replace(problem, soft=False, sticks=True), now)
+    start = _promised(replace(problem, soft=False, sticks=True), now, {})
     if start is None or not start[2] < STUCK * now.cost:
         return now, shift
     options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
@@ -132,13 +137,49 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
 
 
+def with_acceleration(experiment: Experiment) -> Experiment:
+    """Return an experiment whose set-points have an unknown largest acceleration."""
+    low, high = RANGES[ACCELERATION]
+    own = {ACCELERATION: Unknown(start=ACCELERATIONS[2], low=low, high=high, shared="robot")}
+    return replace(experiment, unknown={**experiment.unknown, **own})
+
+
+def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
+    """Search with a largest acceleration of the set-points, where errors and derivatives promise much smaller errors with it.
+
+    Many servos plan the way to each command within an acceleration and a velocity. Commands that need more come late as no delay
+    does. It is kept if the errors are as much smaller without the stretch that gains most too.
+    """
+    problem, experiment = now.problem, now.problem.experiment
+    asked = {ACCELERATION, "lag_s"} & {*experiment.unknown} or problem.values.drive["lag_s"].any()
+    turning = all(kind == "revolute" for kind in problem.robot.joint_kinds)
+    if asked or not turning or not now.status.converged or not _unexplained(now):
+        return now
+    rival = replace(problem, experiment=with_acceleration(experiment))
+    tried = [_promised(rival, now, {ACCELERATION: value}) for value in ACCELERATIONS]
+    best = min((found for found in tried if found is not None), key=lambda found: found[2], default=None)
+    if best is None or not best[2] < PROMISED * now.cost:
+        return now
+    options["reporter"].say("a limited acceleration of set-points promises smaller errors; the search goes on with it")
+    found = _searched_anew(best[0], {**options, "tolerance": ROUGH})
+    squares = np.array([[e @ e for e in _stretches(one)] for one in (now, found)])
+    lasting = np.delete(squares, np.argmax(squares[0] - squares[1]), axis=1).sum(axis=1)
+    return found if found.free[-1] and lasting[1] < PROMISED * lasting[0] else now
+
+
+def _stretches(now: Search) -> list[Array]:
+    """Return the errors of a search in stretches."""
+    return [part for e in now.errors for part in np.array_split(e, STRETCHES)]
+
+
 def with_softness(experiment: Experiment) -> Experiment:
     """Return an experiment whose softness of friction is unknown."""
     own = {
         kind: Unknown(low=RANGES[kind][0], high=RANGES[kind][1], shared=shared)
         for kind, shared in zip(SOFT, SHARED, strict=True)
     }
-    return replace(experiment, unknown={**own, **experiment.unknown})
+    own = {kind: unknown for kind, unknown in own.items() if kind not in experiment.unknown}
+    return replace(experiment, unknown={**experiment.unknown, **own})
 
 
 def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Search, Array]:
@@ -151,7 +192,7 @@ def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> 
         return now, shift
     problem = now.problem
     unknown = replace(problem, soft=True, sticks=False, experiment=with_softness(problem.experiment))
-    promise = _promised(unknown, now, () if problem.soft else HARD)
+    promise = _promised(unknown, now, {} if problem.soft else HARD)
     if promise is None:
         return now, shift
     start, step, cost = promise
@@ -200,7 +241,7 @@ def _searched_anew(start: Search, options: dict[str, Any]) -> Search:
 
 
 def _promised(
-    rival: Problem, now: Search, others: Sequence[float] = ()
+    rival: Problem, now: Search, others: Mapping[str, float]
 ) -> tuple[Search, Array, float] | None:
     """Return a search of another law from an estimate, the step of the unknowns of both, and the cost that it promises.
 
@@ -208,8 +249,8 @@ def _promised(
     """
     count = len(now.theta)
     theta = np.append(now.theta, rival.start[count:])
-    for kind, value in zip(SOFT, others, strict=False):
-        theta[count:][[column.kind == kind for column in rival.columns[count:]]] = value
+    for k, column in enumerate(rival.columns[count:], count):
+        theta[k] = others.get(column.kind, theta[k])
     try:
         start = begun(rival, theta, now, screening=True)
     except FitError:

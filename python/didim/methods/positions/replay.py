@@ -12,14 +12,14 @@ from ..._tools.arrays import Array, quotient
 from ..._tools.words import columned
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import SOFT
+from ...experiment.unknown import ACCELERATION, SOFT
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ...result.positions.table import milli
 from ...signal.noise import white_noise
 from ..builder import digests
 from .intervals import LASTING, LEAST_NOISE
-from .laws import with_softness
+from .laws import with_acceleration, with_softness
 from .problem import Problem
 from .stops import Stop
 
@@ -160,8 +160,11 @@ def _problem(fit: Identification, experiment: Experiment) -> tuple[Problem, Arra
     soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
     pushed = pushed_of(fit, experiment)
     values = dict(zip(fit.names, fit.beta, strict=True))
-    unknown = with_softness(experiment) if SOFT[1] in values else experiment
-    problem = Problem(unknown, soft=soft, sticks=sticks, pushed=pushed)
+    if SOFT[1] in values:
+        experiment = with_softness(experiment)
+    if ACCELERATION in values and ACCELERATION not in experiment.unknown:
+        experiment = with_acceleration(experiment)
+    problem = Problem(experiment, soft=soft, sticks=sticks, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
         raise FitError(

@@ -1,0 +1,58 @@
+//! The set-point of a servo that limits its acceleration, between the goals of a command that is held from sample to sample.
+//!
+//! Each goal is headed for in the shortest time: with the largest acceleration, then with the largest deceleration, to rest there. Bus servos
+//! plan so. One that rests at a goal of two samples or more leaves it by a jump, as real ones were seen to. Tested in
+//! `tests/test_positions.py`.
+
+/// Integrals from time 0 of the set-point at times (s), for goals at a rate (1/s) and a largest acceleration; before that it rests at the
+/// first. Zeros without goals.
+#[must_use]
+pub fn areas(goals: &[f64], rate: f64, most: f64, times: &[f64]) -> Vec<f64> {
+    if goals.is_empty() {
+        return vec![0.0; times.len()];
+    }
+    let starts = starts(goals, rate, most);
+    let at = |&time: &f64| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a time before the first goal is 0
+        let k = ((time * rate).floor().max(0.0) as usize).min(goals.len() - 1);
+        #[allow(clippy::cast_precision_loss)]
+        let begin = k as f64 / rate;
+        let (area, s, v) = starts[k];
+        area + fastest(goals[k], s, v, most, time - begin).0
+    };
+    times.iter().map(at).collect()
+}
+
+/// Integral, position and velocity of the set-point at each sample.
+fn starts(goals: &[f64], rate: f64, most: f64) -> Vec<(f64, f64, f64)> {
+    let (mut area, mut s, mut v) = (0.0, goals[0], 0.0);
+    let (mut old, mut older) = (s, s);
+    let mut states = Vec::with_capacity(goals.len());
+    for &goal in goals {
+        #[allow(clippy::float_cmp)] // a set-point that arrives is its goal, bit for bit
+        let rests = v == 0.0 && s == old && old == older;
+        s = if rests { goal } else { s };
+        states.push((area, s, v));
+        let (more, next, speed) = fastest(goal, s, v, most, 1.0 / rate);
+        (area, s, v, older, old) = (area + more, next, speed, old, goal);
+    }
+    states
+}
+
+/// Integral, position and velocity after a time of the fastest way from a state to rest at a goal.
+fn fastest(goal: f64, s: f64, v: f64, most: f64, time: f64) -> (f64, f64, f64) {
+    let ahead = goal - s - 0.5 * v * v.abs() / most;
+    let way = if ahead == 0.0 { -v } else { ahead };
+    let a = if way == 0.0 { 0.0 } else { way.signum() * most };
+    let peak = (a * (goal - s) + 0.5 * v * v).max(0.0).sqrt();
+    let x = time.min((peak - way.signum() * v) / most);
+    let y = (time - x).clamp(0.0, peak / most);
+    let rest = time - x - y;
+    let faster = v + a * x;
+    let turn = s + (v + 0.5 * a * x) * x;
+    let area = (s + (0.5 * v + a * x / 6.0) * x) * x + (turn + (0.5 * faster - a * y / 6.0) * y) * y;
+    if rest > 0.0 {
+        return (area + goal * rest, goal, 0.0);
+    }
+    (area, turn + (faster - 0.5 * a * y) * y, faster - a * y)
+}
