@@ -13,7 +13,8 @@ pub fn areas(goals: &[f64], rate: f64, most: f64, times: &[f64]) -> Vec<f64> {
     }
     let starts = starts(goals, rate, most);
     let at = |&time: &f64| {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a time before the first goal is 0
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // a time before the first goal is 0
         let k = ((time * rate).floor().max(0.0) as usize).min(goals.len() - 1);
         #[allow(clippy::cast_precision_loss)]
         let begin = k as f64 / rate;

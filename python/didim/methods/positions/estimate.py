@@ -21,7 +21,7 @@ from ...errors import FitError
 from ...evidence.residual import size_finding
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_WRONG
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import SOFT
+from ...experiment.unknown import ACCELERATION, SOFT
 from ...result.finding import Finding, Grade, worded
 from ...result.identification import Identification
 from ...result.iteration import Reporter, Status
@@ -331,6 +331,17 @@ def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> lis
             )
         )
     findings.append(worded(kind="untold", sentence=SCALE, advice="", grade="note"))
+    if planned := [row for row in rows if row["kind"] == ACCELERATION and row["by"] == "log"]:
+        most = max(float(row["value"]) for row in planned)
+        findings.append(
+            worded(
+                kind="set-points",
+                sentence=f"set-points accelerate by at most {most:.3g} rad/s^2, and faster commands come late as no delay does",
+                advice="Compare it with the register of the servos",
+                grade="note",
+                parameters=tuple(row["name"] for row in planned),
+            )
+        )
     stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s", *SOFT)]
     if stuck:
         names = series(row["name"] for row in stuck)

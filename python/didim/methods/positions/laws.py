@@ -160,16 +160,18 @@ def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
     best = min((found for found in tried if found is not None), key=lambda found: found[2], default=None)
     if best is None or not best[2] < PROMISED * now.cost:
         return now
-    options["reporter"].say("a limited acceleration of set-points promises smaller errors; the search goes on with it")
-    found = _searched_anew(best[0], {**options, "tolerance": ROUGH})
-    squares = np.array([[e @ e for e in _stretches(one)] for one in (now, found)])
+    options["reporter"].say(
+        "a limited acceleration of set-points promises smaller errors; the search goes on with it"
+    )
+    # `without_pushes` goes on with friction that sticks.
+    found = _searched_anew(best[0], {**options, "tolerance": ROUGH} if problem.sticks else options)
+    if found.status is Status.STOPPED:
+        return replace(now, status=found.status)
+    squares = np.array(
+        [[part @ part for e in one.errors for part in np.array_split(e, STRETCHES)] for one in (now, found)]
+    )
     lasting = np.delete(squares, np.argmax(squares[0] - squares[1]), axis=1).sum(axis=1)
     return found if found.free[-1] and lasting[1] < PROMISED * lasting[0] else now
-
-
-def _stretches(now: Search) -> list[Array]:
-    """Return the errors of a search in stretches."""
-    return [part for e in now.errors for part in np.array_split(e, STRETCHES)]
 
 
 def with_softness(experiment: Experiment) -> Experiment:
@@ -240,9 +242,7 @@ def _searched_anew(start: Search, options: dict[str, Any]) -> Search:
     return searched(now, options)
 
 
-def _promised(
-    rival: Problem, now: Search, others: Mapping[str, float]
-) -> tuple[Search, Array, float] | None:
+def _promised(rival: Problem, now: Search, others: Mapping[str, float]) -> tuple[Search, Array, float] | None:
     """Return a search of another law from an estimate, the step of the unknowns of both, and the cost that it promises.
 
     `others` are starts of the kinds that only the other law has. None if it cannot be simulated there.

@@ -19,7 +19,7 @@ from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.loop import recordings_of
 from ...experiment.specs import SimulationSettings
-from ...experiment.unknown import SOFT, joint_kinds
+from ...experiment.unknown import ACCELERATION, SOFT, joint_kinds
 from ...loop.servos import Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
@@ -255,10 +255,11 @@ class Problem:
             "delay_s": 0.2,
             "lag_s": 0.2,
             "bias_rad": 0.1,
-            "acceleration": self.values.drive.get("acceleration", 1.0),
             **dict(zip(SOFT, SOFTNESS, strict=True)),
         }
         share = 3e-2 if self.sticks else 1e-3
+        # A set-point that commands leave behind turns at their samples, and where it turns jumps with its acceleration.
+        sizes[ACCELERATION] = 3e-2 / share * self.values.drive.get(ACCELERATION, np.ones(n))
         return {kind: np.broadcast_to(share * size, n) for kind, size in sizes.items()}
 
     @property
