@@ -25,7 +25,7 @@ DELAY = (
     "# shared.",
     "[unknown]",
     "delay_s = { max = 0.025, shared = true }",
-    "# acceleration = { start = 39.0, sigma = 1.0 } # rad/s^2, of set-points: register 254 of an STS3215",
+    "# acceleration = { start = 39.0, min = 38.0, max = 40.0 } # rad/s^2, of set-points: 254 in the register of an STS3215",
 )
 """Lines that declare the unknowns of servos: all motors on one bus share one delay."""
 
