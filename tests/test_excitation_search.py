@@ -10,10 +10,9 @@ import pytest
 
 import didim
 from didim._tools.arrays import Array
+from didim.excitation import search as starts
 from didim.excitation.problem import FINE, Problem
-from didim.excitation.search import starts
-from didim.excitation.search.descent import Descent
-from didim.excitation.search.starts import Search
+from didim.excitation.search import Descent, Search
 from didim.excitation.series import ScaledSeries, Series, SeriesBasis, _norm
 from didim.excitation.settings import ExcitationSettings
 from didim.excitation.task import Task

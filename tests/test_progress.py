@@ -13,7 +13,7 @@ import didim
 from contract import noisy
 from didim._tools import progress
 from didim._tools.progress import WIDEST, ProgressLine, in_notebook
-from didim.excitation.search.progress import share_done
+from didim.excitation.search import share_done
 from test_study import SPEC
 
 

@@ -26,15 +26,11 @@ from .limits import MotionLimits
 from .points import MOVE_RATE_HZ, PointDesign
 from .problem import FINE, Information, Problem, scaled
 from .ramps import Ramp, ramp
-from .search.progress import DesignLine
-from .search.starts import TRIALS, Progress, search_all
+from .search import TRIALS, DesignLine, Progress, search_all
 from .series import Motion, ScaledSeries, Series, SeriesBasis
 from .settings import ExcitationSettings
 from .settings_file import read_excitation
 from .task import Task
-
-TRIAL_SEED = 1_000_003
-"""Offset between the seeds of a start's random motions, large enough that no two starts share a motion."""
 
 
 def excite(
@@ -107,7 +103,8 @@ def _series(task: Task, progress: Progress, executor: Executor | None) -> Excita
         scaling = ScaledSeries(basis, limits, task.start, shrinks)
         trials = []
         for trial in range(TRIALS):
-            seed = settings.seed + index + trial * TRIAL_SEED
+            # Offset between the seeds of a start's random motions, large enough that no two starts share a motion.
+            seed = settings.seed + index + trial * 1_000_003
             offset = task.start if task.start is not None else task.resting_place(seed)
             shape = _random_shape(basis, limits, offset, seed)
             start = None

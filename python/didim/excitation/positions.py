@@ -37,8 +37,6 @@ from .settings import ExcitationSettings
 
 SWING = {"revolute": 0.3, "prismatic": 0.05}
 """Largest distance (rad, m) from the middle, if the joint's limits allow it: errors of links and gears stay small."""
-SHARE_OF_RANGE = 0.4
-"""Largest distance from the middle, as a share of the joint's range."""
 SPEEDS = (0.05, 0.3)
 """Speeds (rad/s) of the slow and the fast ramp; other moves have the second."""
 LEVELS = (0.0, -0.7, 0.35, 0.7, -0.35)
@@ -161,7 +159,20 @@ def excite_positions(
     told = [
         "neither self-collision nor the floor is checked: the robot has no [[collision]], and no floor_m is given"
     ] * clearance.empty
-    findings, remarks = prospect_of(begun(_problem(experiment, q, rate)))
+    # The positions that the values of the file give stand for the measured ones.
+    measured = q
+    for _ in range(2):
+        recording = Recording.from_arrays(measured, rate_hz=rate, q_ref=q, name="motion")
+        log = Experiment.from_recordings(experiment.robot, [recording]).reference
+        problem = Problem(replace(experiment, recordings=(recording,), reference=log))
+        measured = measured.copy()
+        for rollout in problem.rollouts:
+            positions, _ = problem.positions(rollout, problem.start[None])
+            begin = rollout.window.begin
+            measured[begin : begin + len(positions[0]), rollout.joints] = (
+                np.round(positions[0] / COUNT) * COUNT
+            )
+    findings, remarks = prospect_of(begun(problem))
     names = robot.joint_names or tuple(f"q{j + 1}" for j in range(robot.n_dof))
     ranges = tuple(limits.position for limits in robot.limits)
     sentences = (*told, *remarks, *(finding.sentence for finding in findings))
@@ -204,7 +215,8 @@ def _room(experiment: Experiment) -> tuple[Array, Array]:
     for joint, limits in enumerate(robot.limits):
         if limits.position is not None:
             low, high = limits.position
-            swing[joint] = min(swing[joint], SHARE_OF_RANGE * (high - low))
+            # Largest distance from the middle, as a share of the joint's range.
+            swing[joint] = min(swing[joint], 0.4 * (high - low))
             middle[joint] = min(max(middle[joint], low + swing[joint]), high - swing[joint])
     return middle, swing
 
@@ -272,20 +284,3 @@ def _chirp(bandwidth: float, rate: float, phase: float) -> Array:
     angle = 2.0 * np.pi * (frequency - first) / growth
     fade = np.minimum(1.0, np.minimum(t, t[-1] - t) / (0.1 * CHIRP_S))
     return np.asarray(fade * np.minimum(1.0, usual / frequency) * np.sin(angle + phase))
-
-
-def _problem(experiment: Experiment, q: Array, rate: float) -> Problem:
-    """Return the problem of a log of these commands, with the positions that the values of the file give."""
-    measured = q
-    for _ in range(2):
-        recording = Recording.from_arrays(measured, rate_hz=rate, q_ref=q, name="motion")
-        log = Experiment.from_recordings(experiment.robot, [recording]).reference
-        problem = Problem(replace(experiment, recordings=(recording,), reference=log))
-        measured = measured.copy()
-        for rollout in problem.rollouts:
-            positions, _ = problem.positions(rollout, problem.start[None])
-            begin = rollout.window.begin
-            measured[begin : begin + len(positions[0]), rollout.joints] = (
-                np.round(positions[0] / COUNT) * COUNT
-            )
-    return problem

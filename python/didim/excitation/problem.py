@@ -18,8 +18,6 @@ from .clearance import Clearance
 from .criterion import Criterion
 from .series import SAMPLES_PER_PERIOD, ScaledSeries, Series
 
-CLEARANCE_SCALE = 0.1
-"""Missing clearance (m) that weighs as much as a torque at twice its limit: a millimetre counts as 1 %."""
 FINE = 20
 """Ratio of the verification grid to the optimiser's grid: every limit is verified on this finer grid."""
 
@@ -131,7 +129,8 @@ class Problem:
             None if torque_weights is None else self.x,
         )
         if not self.clearance.empty:
-            short, slope = self.clearance.penalty(q, CLEARANCE_SCALE, self.extra_clearance)
+            # Missing clearance (m) that weighs as much as a torque at twice its limit: a millimetre counts as 1 %.
+            short, slope = self.clearance.penalty(q, 0.1, self.extra_clearance)
             objective += weight * short
             gq = gq + weight * slope
         return objective, self.series.back(chain, *(self._whole(values) for values in (gq, gdq, gddq)))
@@ -180,7 +179,8 @@ class Problem:
         """
         exact = self.exact(series)
         factor = 1.0
-        while factor > SMALLEST_MOTION_SCALE:
+        # Scale of the amplitudes below which a motion identifies nothing.
+        while factor > 0.01:
             if self.keeps(scaled(exact, factor)):
                 return scaled(exact, factor)
             factor *= 0.995 if factor > 0.8 else 0.95
@@ -191,7 +191,9 @@ class Problem:
         coarse, fine = (self._use(series, factor) for factor in (1, FINE))
         # A joint reduced because of torques or walls is not enlarged, only reduced further if it exceeds a limit between the
         # samples.
-        full = np.where(coarse > FULL, 1.0, coarse)
+        # Share of a limit, on the optimiser's grid, from which the limit counts as reached: the norm that replaces the maximum
+        # leaves 1 to 2 %.
+        full = np.where(coarse > 0.975, 1.0, coarse)
         return scaled(series, full / np.maximum(fine, np.finfo(float).tiny) * (1.0 - BETWEEN))
 
     def _use(self, series: Series, factor: int) -> Array:
@@ -208,17 +210,12 @@ class Problem:
         return np.asarray(np.max([position, *others], axis=0))
 
 
-FULL = 0.975
-"""Share of a limit, on the optimiser's grid, from which the limit counts as reached: the norm that replaces the maximum leaves
-1 to 2 %."""
 BETWEEN = 1.0 - float(np.cos(np.pi / (FINE * SAMPLES_PER_PERIOD)))
 """Largest share by which a Fourier series can exceed, between the samples of the fine grid, its largest value on them (Ehlich
 and Zeller). With this margin the kinematic limits hold at all times."""
 TIGHTER = 1.3
 """Factor between an excess and the tightening of the penalty's limit; above 1, because the next descent may exceed it a little
 again."""
-SMALLEST_MOTION_SCALE = 0.01
-"""Scale of the amplitudes below which a motion identifies nothing."""
 
 
 def scaled(series: Series, factor: float | Array) -> Series:

@@ -70,7 +70,17 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
     settings["prior"] = tuple(path.parent / name for name in settings.get("prior", ()))
     main.done()
     limits = table.part("limits")
-    settings["position"] = _ranges(limits, robot)
+    low: list[float | None] = [None] * robot.n_dof
+    high: list[float | None] = [None] * robot.n_dof
+    for unit, factor in POSITION.items():
+        rows = limits.matrix(f"position_{unit}", robot.n_dof, 2, None)
+        for joint, row in enumerate(rows or ()):
+            if robot.joint_kinds[joint] == kind_of(unit):
+                low[joint], high[joint] = row[0] * factor, row[1] * factor
+    lowest, highest = _complete(limits, "position", low), _complete(limits, "position", high)
+    settings["position"] = None
+    if lowest is not None and highest is not None:
+        settings["position"] = list(zip(lowest, highest, strict=True))
     for key, per in (("velocity", "_s"), ("acceleration", "_s2"), ("jerk", "_s3")):
         settings[key] = optional_joint_values(limits, f"max_{key}", robot, per)
     settings["torque"] = _forces(limits, "max_torque", robot)
@@ -110,18 +120,3 @@ def _complete(table: Table, key: str, read: Sequence[float | None]) -> list[floa
     if values and len(values) < len(read):
         table.fail(f"{key} is missing for joint {list(read).index(None) + 1}")
     return values or None
-
-
-def _ranges(table: Table, robot: Robot) -> list[tuple[float, float]] | None:
-    """Pairs of ``position_rad`` and its like; None without any."""
-    low: list[float | None] = [None] * robot.n_dof
-    high: list[float | None] = [None] * robot.n_dof
-    for unit, factor in POSITION.items():
-        rows = table.matrix(f"position_{unit}", robot.n_dof, 2, None)
-        for joint, row in enumerate(rows or ()):
-            if robot.joint_kinds[joint] == kind_of(unit):
-                low[joint], high[joint] = row[0] * factor, row[1] * factor
-    lowest, highest = _complete(table, "position", low), _complete(table, "position", high)
-    if lowest is None or highest is None:
-        return None
-    return list(zip(lowest, highest, strict=True))

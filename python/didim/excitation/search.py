@@ -3,24 +3,124 @@
 The criterion has very many maxima, and a descent ends in one of them within some 150 evaluations. A perturbation of the best
 motion and a short descent from it nearly always end higher, so a start mostly consists of such perturbations (basin hopping).
 On the TX40 they raise the log determinant by ten, and the starts end at similar values. A start only depends on its seed, so
-the result has the same bits for any number of threads. Tested in ``tests/test_excitation_search.py`` and
-``tests/test_excitation.py``.
+the result has the same bits for any number of threads. Tested in ``tests/test_excitation_search.py``,
+``tests/test_excitation.py`` and, its progress line, ``tests/test_progress.py``.
 """
 
 from __future__ import annotations
 
 import os
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 
 import numpy as np
 
-from ..._tools.arrays import Array
-from ..problem import Problem
-from ..series import POWERS
-from ..settings import ExcitationSettings
-from .descent import Descent
+from .._tools.arrays import Array
+from .._tools.progress import ProgressLine
+from .problem import Problem
+from .series import POWERS
+from .settings import ExcitationSettings
+
+Objective = Callable[[Array], tuple[float, Array]]
+"""Value and gradient at a point."""
+
+LINE_SEARCH_HALVINGS = 15
+"""Largest number of times a step is halved before the stored pairs are discarded."""
+CURVED = 1e-10
+"""Smallest cosine between a step and the change of the gradient for a pair to be stored: below it the curvature is rounding."""
+CONVERGED = 1e-9
+"""Relative decrease in one step below which the descent has converged."""
+
+
+class Descent:
+    """A descent from one point by a quasi-Newton method that can be paused and continued.
+
+    Limited-memory BFGS in the two-loop form (Nocedal and Wright, algorithm 7.4) with a backtracking line search. SciPy's
+    implementation factorizes matrices of twice its memory, for which linear algebra libraries start threads beside those of
+    the other starts, and it cannot be resumed.
+
+    Parameters
+    ----------
+    objective : callable
+        Value and gradient.
+    x : (n,) array
+        First point.
+
+    Attributes
+    ----------
+    x, value : (n,) array, float
+        Best point so far, and the objective there.
+    converged : bool
+        Whether the descent has converged.
+    """
+
+    def __init__(self, objective: Objective, x: Array) -> None:
+        self._objective, self.x = objective, x
+        self.value, self._gradient = objective(x)
+        # Number of pairs (step, change of the gradient) stored for the quasi-Newton direction.
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=60)
+        self.converged = False
+
+    def run(self, evaluations: int) -> None:
+        """Continue for a number of evaluations of the objective, up to the end of a step; fewer if it converges."""
+        while evaluations > 0 and not self.converged:
+            evaluations -= self._step()
+
+    def _step(self) -> int:
+        """Take one step, and return the number of evaluations."""
+        direction = self._direction()
+        slope = float(self._gradient @ direction)
+        if not slope < 0.0:
+            self._give_up()
+            return 0
+        length = 1.0
+        for count in range(1, LINE_SEARCH_HALVINGS + 1):
+            x = self.x + length * direction
+            value, gradient = self._objective(x)
+            # Share of the decrease predicted by the slope that a step must achieve (Armijo).
+            if value <= self.value + 1e-4 * length * slope:
+                self._accept(x, value, gradient)
+                return count
+            # Minimum of the parabola through both values and the slope, within bounds.
+            bent = 2.0 * (value - self.value - length * slope)
+            best = -slope * length / bent if np.isfinite(bent) else 0.0
+            length *= min(0.5, max(0.1, best))
+        self._give_up()
+        return LINE_SEARCH_HALVINGS
+
+    def _accept(self, x: Array, value: float, gradient: Array) -> None:
+        step, change = x - self.x, gradient - self._gradient
+        product = float(step @ change)
+        if product > CURVED * float(np.sqrt((step @ step) * (change @ change))):
+            self._pairs.append((step, change, 1.0 / product))
+        self.converged = self.value - value <= CONVERGED * max(abs(self.value), abs(value), 1.0)
+        self.x, self.value, self._gradient = x, value, gradient
+
+    def _give_up(self) -> None:
+        """Restart with the steepest descent, which is the last resort."""
+        self.converged = not self._pairs
+        self._pairs.clear()
+
+    def _direction(self) -> Array:
+        """Return the next direction: the negative product of the estimated inverse Hessian and the gradient."""
+        direction = self._gradient.copy()
+        shares = []
+        for step, change, inverse in reversed(self._pairs):
+            share = inverse * float(step @ direction)
+            shares.append(share)
+            direction -= share * change
+        if self._pairs:
+            _, change, inverse = self._pairs[-1]
+            direction /= inverse * float(change @ change)
+        else:
+            direction *= min(1.0, 1.0 / max(float(np.abs(direction).sum()), np.finfo(float).tiny))
+        for (step, change, inverse), share in zip(self._pairs, reversed(shares), strict=True):
+            direction += (share - inverse * float(change @ direction)) * step
+        return -direction
+
 
 WEIGHTS = (100.0, 2000.0)
 """Weights of the penalties, in succession: after the second, limits are violated by a few parts in a thousand."""
@@ -31,20 +131,12 @@ FIRST = 0.24
 HOP, HOPS = 40, 3.0
 """Evaluations after each perturbation, and all of them together as a share of the iterations. Twenty are too few to get back to
 the height of the motion that was perturbed."""
-KICK = 0.12
-"""Length of a perturbation, as a share of the joint's amplitudes: five of six end higher. 0.2 gains less in the same time; 0.5
-loses the best motion so far."""
 LAST = 0.3
 """Share of the iterations for the second weight, on the whole grid."""
 REPAIRS, REPAIR = 8, 0.06
 """Largest number of repetitions with tighter limits, until the fine grid keeps them, and the share of iterations of each."""
-THINNED = 4
-"""Stride of the thinned grid, used until the last descent: five samples per period of the highest harmonic. It takes a third of
-the time and starts end as high as with a stride of 2."""
 THINNED_COST = 1.0 / 3.0
 """Time of an evaluation on the thinned grid, as a share of that on the whole grid."""
-POLL_S = 0.2
-"""Time (s) between two checks for Ctrl-C."""
 
 Progress = Callable[[int, int, float], None]
 """Callback with the number of the start (from 1), the number of the evaluation and the best value of the criterion so far."""
@@ -90,7 +182,9 @@ class Search:
         problem = self._problem
         penalised = problem.x is not None or not problem.clearance.empty
         try:
-            problem.series.power, problem.thinning = POWERS[0], THINNED
+            # Stride of the thinned grid, used until the last descent: five samples per period of the highest harmonic. It takes
+            # a third of the time and starts end as high as with a stride of 2.
+            problem.series.power, problem.thinning = POWERS[0], 4
             self._climb(starts)
             problem.series.power, problem.thinning = POWERS[1], 1
             self._weight = WEIGHTS[1]
@@ -111,7 +205,9 @@ class Search:
         best = min(trials, key=lambda trial: trial.value)
         best.run(self._evaluations(FIRST))
         for _ in range(round(HOPS * self._iterations / HOP)):
-            tried = Descent(self._value, self._problem.series.perturbed(best.x, KICK, self._rng))
+            # Length of a perturbation, as a share of the joint's amplitudes: five of six end higher. 0.2 gains less in the same
+            # time; 0.5 loses the best motion so far.
+            tried = Descent(self._value, self._problem.series.perturbed(best.x, 0.12, self._rng))
             tried.run(HOP)
             if tried.value < best.value:
                 best = tried
@@ -198,7 +294,8 @@ def search_all(
                 while len(futures) < len(starts):
                     futures.append(pool.submit(one, len(futures)))
                 while running:
-                    running = bool(wait(futures, timeout=POLL_S).not_done)
+                    # Time (s) between two checks for Ctrl-C.
+                    running = bool(wait(futures, timeout=0.2).not_done)
             except KeyboardInterrupt:
                 # A second Ctrl-C while the threads finish is raised as usual.
                 interrupted = True
@@ -211,3 +308,46 @@ def search_apart(
 ) -> tuple[Array, Problem]:
     """Run one search in another process, and return its problem too, because the search tightens its limits."""
     return Search(problem, iterations, seed, threading.Event()).run(starts), problem
+
+
+def share_done(evaluations: int, iterations: int) -> float:
+    """Return the elapsed share of a start's time after a number of evaluations, for a Fourier series, at most 1."""
+    thinned = (TRIALS * TRIAL + FIRST + HOPS + TRIAL) * iterations
+    spent = THINNED_COST * min(evaluations, thinned) + max(0.0, evaluations - thinned)
+    return min(1.0, spent / (THINNED_COST * thinned + LAST * iterations))
+
+
+class DesignLine:
+    """Callback of a search (`Progress`) with one line for all its starts, which may run in several threads.
+
+    Parameters
+    ----------
+    starts : int
+        Number of starts.
+    iterations : int, optional
+        Iterations of each start; None for a search that reports a start only at its end.
+    wanted : bool
+        Whether the line is shown.
+    """
+
+    def __init__(self, starts: int, iterations: int | None, wanted: bool) -> None:
+        self._starts, self._iterations = starts, iterations
+        self._line, self._lock, self._begin = ProgressLine(wanted), threading.Lock(), time.monotonic()
+        self._done: dict[int, float] = {}
+        self._values: dict[int, float] = {}
+
+    def __call__(self, start: int, evaluations: int, value: float) -> None:
+        """Update the line."""
+        with self._lock:
+            self._done[start] = 1.0 if self._iterations is None else share_done(evaluations, self._iterations)
+            self._values[start] = value
+            share = sum(self._done.values()) / self._starts
+            left = (time.monotonic() - self._begin) * (1.0 - share) / share
+            self._line.show(
+                f"excite: {100.0 * share:.0f} %, criterion {max(self._values.values()):.1f}, about {left:.0f} s left"
+            )
+
+    def close(self) -> None:
+        """Remove the line."""
+        with self._lock:
+            self._line.close()
