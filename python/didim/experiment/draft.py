@@ -30,7 +30,7 @@ from ..log.units import ESTIMATE
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, check_closed, load_robot
 from ..robot.robot_text import robot_text
-from ..robot.urdf.log_chain import chain_of_names
+from ..robot.urdf.chain import chain_of_names
 from .draft_files import assembled
 from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
 from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences, physical_lines

@@ -113,7 +113,16 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
         When files of one log differ in their number of rows.
     """
     logs: list[tuple[Log, str, Path]] = []
-    notes = _unsigned(sources)
+    # Efforts without a sign beside a file of commands alone: the magnitudes of a servo's current.
+    notes = []
+    if any(_kinds(source.columns) in (["reference"], ["time", "reference"]) for source in sources):
+        for source in sources:
+            for kind in EFFORTS:
+                at = [k for k, column in enumerate(source.columns) if column.what == kind]
+                if at and source.values([source.columns[k] for k in at]).min() >= 0.0:
+                    notes.append(f"{source.path.name}: the {kind}s have no sign, so they are left out")
+                    for k in at:
+                        source.columns[k] = replace(source.columns[k], what="other")
     groups = _groups(sources, robot)
     for group in groups:
         if len(group) == 1:
@@ -130,20 +139,6 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
     if len(groups) > 1:
         notes.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
     return logs, notes
-
-
-def _unsigned(sources: Sequence[LogSource]) -> list[str]:
-    """Leave out efforts without a sign beside a file of commands alone: the magnitudes of a servo's current."""
-    notes = []
-    if any(_kinds(source.columns) in (["reference"], ["time", "reference"]) for source in sources):
-        for source in sources:
-            for kind in EFFORTS:
-                at = [k for k, column in enumerate(source.columns) if column.what == kind]
-                if at and source.values([source.columns[k] for k in at]).min() >= 0.0:
-                    notes.append(f"{source.path.name}: the {kind}s have no sign, so they are left out")
-                    for k in at:
-                        source.columns[k] = replace(source.columns[k], what="other")
-    return notes
 
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:

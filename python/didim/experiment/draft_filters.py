@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .._tools.words import counted, percent_text, series
@@ -27,25 +26,14 @@ from ..signal.processing import SignalProcessing
 from ..signal.spectrum import contiguous_band, motion_band
 from ..signal.window import Window, windows_of
 from ..terms.model import Model
-from ..terms.rows import LinearSystem
 
-CUTOFF_TIMES = 20.0
-"""Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
-ROWS_TIMES = 6.0
-"""Highest frequency of the rows as a multiple of the velocity bandwidth: enough to identify inertia, gravity and friction."""
-LEAST_DECIMATED_ROWS = 200
-"""Smallest number of rows per joint after decimation."""
 APART = 3.0
 """Ratio between neighbouring ones of the three cut-offs."""
 HIGHEST_SHARE, LOWEST_SHARE = 0.35, 0.004
 """Bounds of a cut-off, as shares of the sampling rate."""
-COMPARED_BLOCKS = 20
-"""Number of blocks of time; every other one is held out."""
 AS_GOOD = 1.01
 """Ratio to the smallest held-out error within which errors count as equal; the cut-off nearest to the middle one is then
 chosen."""
-LEAST_COMPARED_SAMPLES = 400
-"""Smallest number of samples for a comparison of cut-offs."""
 
 MOTOR_BETTER = 0.5
 """Share of the relative error in degrees that the motor side must leave, for degrees to be given up: chance leaves 0.9."""
@@ -56,8 +44,6 @@ REST_S = 0.5
 """Shortest rest (s) before or after the motion that is cut off."""
 SHORT = 0.1
 """Share of the stretch of motion beside it below which the first or last one is an approach or a way home."""
-AT_REST = 0.02
-"""Share of the largest speed below which the arm is at rest."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +82,8 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     rate = min(recording.rate_hz for recording in recordings)
     samples = min(stop - start for recording in recordings for start, stop in recording.windows)
     band, source = _band(recordings)
-    middle = CUTOFF_TIMES * band if band > 0.0 else 0.04 * rate
+    # Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth.
+    middle = 20.0 * band if band > 0.0 else 0.04 * rate
     middle = min(max(middle, LOWEST_SHARE * APART * rate), HIGHEST_SHARE * rate / APART)
     cutoffs = [float(f"{middle * factor:.2g}") for factor in (1.0 / APART, 1.0, APART)]
     moves = (
@@ -109,7 +96,8 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
         return SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
 
     plain = signal(cutoffs[1], cutoffs[1])
-    if not comparable or samples < LEAST_COMPARED_SAMPLES:
+    # Smallest number of samples for a comparison of cut-offs.
+    if not comparable or samples < 400:
         return Filters(plain, f"{moves}; cut-offs were not compared")
     # All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
     compared = [
@@ -170,8 +158,10 @@ def _row(numbers: Sequence[str]) -> str:
 
 def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:
     """Return the stages of the parallel filter, down to a few bandwidths, which averages friction missing in the model."""
-    wanted = 0.5 * rate / (ROWS_TIMES * band) if band > 0.0 else 0.5 * rate / cutoff
-    factor = int(min(wanted, samples / LEAST_DECIMATED_ROWS))
+    # Highest frequency of the rows as a multiple of the velocity bandwidth: enough to identify inertia, gravity and friction.
+    wanted = 0.5 * rate / (6.0 * band) if band > 0.0 else 0.5 * rate / cutoff
+    # Smallest number of rows per joint after decimation.
+    factor = int(min(wanted, samples / 200))
     stages: list[int] = []
     # Stages of at most 10, because a single filter for more would be unsound.
     while factor >= 2:
@@ -227,22 +217,19 @@ def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: Signa
     held = np.zeros(len(system.y), dtype=bool)
     for block in system.blocks:
         rows = block.rows.stop - block.rows.start
-        held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
-    residual = system.y - system.w @ _solution(system, ~held)
-    error, size = (system.norms(np.where(held, values, 0.0)) for values in (residual, system.y))
-    shares = error / np.maximum(size, np.finfo(float).tiny)
-    return float(np.sqrt(np.mean(shares**2))) if np.isfinite(shares).all() else None
-
-
-def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
-    """Solve by least squares with normalised rows per joint; unidentifiable parameters stay small."""
+        # Number of blocks of time; every other one is held out.
+        held[block.rows] = (20 * np.arange(rows)) // max(rows, 1) % 2 == 1
+    # Least squares with normalised rows per joint; unidentifiable parameters stay small.
     weights = np.zeros(len(system.y))
-    for joint, size in zip(system.joints, system.norms(np.where(used, system.y, 0.0)), strict=True):
-        weights[joint] = used[joint] / max(size, np.finfo(float).tiny)
+    for joint, size in zip(system.joints, system.norms(np.where(held, 0.0, system.y)), strict=True):
+        weights[joint] = ~held[joint] / max(size, np.finfo(float).tiny)
     w = system.w * weights[:, None]
     columns = np.maximum(np.linalg.norm(w, axis=0), np.finfo(float).tiny)
     beta = np.linalg.lstsq(w / columns, system.y * weights, rcond=1e-6)[0]
-    return np.asarray(beta / columns)
+    residual = system.y - system.w @ (beta / columns)
+    error, size = (system.norms(np.where(held, values, 0.0)) for values in (residual, system.y))
+    shares = error / np.maximum(size, np.finfo(float).tiny)
+    return float(np.sqrt(np.mean(shares**2))) if np.isfinite(shares).all() else None
 
 
 def sentence_of(filters: Filters) -> str:
@@ -280,10 +267,18 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
         return None
     speed = np.abs(q[span:] - q[:-span])
     scale = speed.max(axis=0)
-    moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
-    first, last = _motion(np.flatnonzero(moving), round(REST_S * rate_hz))
-    if last < 0:
+    # Share of the largest speed below which the arm is at rest.
+    moving = np.any(speed > 0.02 * np.where(scale > 0.0, scale, np.inf), axis=1)
+    places = np.flatnonzero(moving)
+    if not places.size:
         return None
+    breaks = np.flatnonzero(np.diff(places) > round(REST_S * rate_hz))
+    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
+    lengths = stops - starts
+    # Steps beside steps are no approach.
+    approach = len(lengths) > 1 and lengths[0] < SHORT * lengths[1]
+    home = len(lengths) > 1 and lengths[-1] < SHORT * lengths[-2]
+    first, last = int(starts[int(approach)]), int(stops[-1 - int(home)])
     start, stop = float(times[first]), float(times[min(last + span, len(times) - 1)])
     before, after = start, float(times[-1]) - stop
     if max(before, after) < REST_S:
@@ -291,15 +286,3 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
     start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
     stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
     return start, stop
-
-
-def _motion(places: NDArray[np.intp], rest: int) -> tuple[int, int]:
-    """Return the first and last sample of the motion, (0, -1) without any; steps beside steps are no approach."""
-    if not places.size:
-        return 0, -1
-    breaks = np.flatnonzero(np.diff(places) > rest)
-    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
-    lengths = stops - starts
-    approach = len(lengths) > 1 and lengths[0] < SHORT * lengths[1]
-    home = len(lengths) > 1 and lengths[-1] < SHORT * lengths[-2]
-    return int(starts[int(approach)]), int(stops[-1 - int(home)])

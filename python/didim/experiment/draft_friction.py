@@ -13,7 +13,7 @@ from .._tools.words import percent_text, series
 from ..log.recording import Recording
 from ..regression.friction.choice import REFUSED, FirstFit, TermGain, first_fit
 from ..regression.least_squares import estimated
-from ..robot.friction import KEYS, FrictionTerm
+from ..robot.friction import KEYS
 from ..robot.robot import Robot
 from ..signal.noise import coarsest_steps
 from ..signal.processing import SignalProcessing
@@ -76,10 +76,17 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
         if terms:
             joints = {term.joint + 1 for term in (*terms, *robot.friction.terms) if term.law == law}
             reason = _gains([worth[term.parameter] for term in terms])
-            tables["springs" if law == "spring" else "friction"] += [
-                *_scales(robot, terms),
-                f"{key} = {quoted(sorted(joints))} # {reason}",
+            per = "" if law == "dahl" else "/s"
+            units = {"revolute": f"rad{per}", "prismatic": f"m{per}"}
+            scales = [
+                f"{term.velocity:.3g} {units[robot.joint_kinds[term.joint]]}"
+                for term in terms
+                if term.velocity
             ]
+            lines = tables["springs" if law == "spring" else "friction"]
+            if scales:
+                lines.append(f"# {KEYS[law]}: {series(scales, 100)} by this log, estimated in each fit")
+            lines.append(f"{key} = {quoted(sorted(joints))} # {reason}")
     lines = (
         [f"# Relative error of blocks left out of the fit: {before}, with these laws {after}."]
         if chosen
@@ -94,20 +101,6 @@ def _gains(gains: Sequence[TermGain]) -> str:
     squares = series([f"-{_percent(gain.gain)}" for gain in gains], 40)
     shifts = series([f"{100.0 * gain.shift:.2g}" for gain in gains], 40)
     return f"left-out blocks: {squares} % squared error; links' torque in other poses: +-{shifts} %"
-
-
-def _scales(robot: Robot, terms: Sequence[FrictionTerm]) -> list[str]:
-    """Return a comment on the velocities or displacements of terms of one law, if it has any."""
-    per = "" if terms[0].law == "dahl" else "/s"
-    units = {"revolute": f"rad{per}", "prismatic": f"m{per}"}
-    scales = [
-        f"{term.velocity:.3g} {units[robot.joint_kinds[term.joint]]}" for term in terms if term.velocity
-    ]
-    return (
-        [f"# {KEYS[terms[0].law]}: {series(scales, 100)} by this log, estimated in each fit"]
-        if scales
-        else []
-    )
 
 
 def _refusal(gain: TermGain) -> str:

@@ -28,16 +28,11 @@ from ..robot.robot import Robot
 from .draft_columns import WORDS, Column, joints_by_name, read_column
 from .draft_layout import layout
 
-LEAST_SIGNAL_SAMPLES = 16
-"""Smallest number of samples of a signal: MATLAB files also contain settings."""
-
 PERCENT = (-1.0, 101.0)
 """Range of a gripper's values in percent, as LeRobot logs them; encoders may overshoot by 1."""
 
 BAG_KINDS = {"position": "position", "velocity": "velocity", "effort": "torque", "reference": "reference"}
 """Kind of each signal of a bag."""
-SNIFFED_LINES = 50
-"""Number of first lines of a text from which delimiter and decimal sign are inferred."""
 NUMBER = re.compile(
     r"\"?[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\"?|\"?[+-]?(nan|inf(inity)?)\"?|", re.IGNORECASE
 )
@@ -250,7 +245,8 @@ def whole_samples(sources: Sequence[LogSource], robot: Robot) -> dict[Path, int]
 
 def _signs(log: Path) -> tuple[str, str | None]:
     """Return delimiter and decimal sign of a text, with which the lines after the first are numbers."""
-    read = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
+    # Number of first lines of a text from which delimiter and decimal sign are inferred.
+    read = first_lines(log, RecordingError, 50, LONGEST_LINE)
     first, *lines = (line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in read)
     rows = [line for line in lines if line.strip()]
     for delimiter in (";", "\t", ",", " "):
@@ -273,7 +269,8 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
     columns: list[Column] = []
     for name in data.names:
         shape = data.shape(name)
-        if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
+        # Smallest number of samples of a signal: MATLAB files also contain settings.
+        if not shape or max(shape) < 16 or len(shape) > 2:
             continue
         kind = read_column(re.split(r"[/.]", name)[-1], robot.joint_names)
         labels = data.labels.get(name)

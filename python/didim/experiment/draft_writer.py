@@ -28,9 +28,6 @@ PREFERRED = ("actual", "act", "measured", "meas", "feedback", "--columns")
 """Words of the columns that are preferred where several groups are possible."""
 USUAL_SHARE = 0.98
 """Share of a column's values that defines its usual range; spikes are rarer than the others."""
-ABSURD = 1e6
-"""Largest distance of a value from the median, in usual deviations: no sensor's range exceeds its signal by so much, and two
-numbers run together easily do."""
 ROLLOUTS = ("episode_index", "episode", "rollout", "rollout_index")
 """Names of columns that number rollouts."""
 OPEN_GAIN = "# gain = 1.0"
@@ -356,7 +353,9 @@ class RecordingWriter:
         values = self.source.values(columns)
         apart = np.abs(values - np.median(values, axis=0))
         usual = np.quantile(apart, USUAL_SHARE, axis=0)
-        wrong = np.argwhere((apart > ABSURD * usual) & (usual > 0.0))
+        # Largest distance of a value from the median, in usual deviations: no sensor's range exceeds its signal by so much, and
+        # two numbers run together easily do.
+        wrong = np.argwhere((apart > 1e6 * usual) & (usual > 0.0))
         if len(wrong):
             row, column = (int(index) for index in wrong[0])
             raise RecordingError(

@@ -74,7 +74,18 @@ def load_experiment(
         On a data file that contradicts the experiment.
     """
     path = Path(path)
-    _refuse_other(path)
+    # A file of another kind is refused by its name, with the command for it.
+    kind = path.suffix.lower()
+    if kind == ".json":
+        raise ExperimentError(
+            f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log"
+        )
+    if is_log(path):
+        raise ExperimentError(
+            f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
+        )
+    if kind == ".urdf":
+        raise ExperimentError(_other_kind(path, "robot"))
     content = read_toml(path, ExperimentError)
     search_beside(content.get("friction"), path)
     if "joint" in content and "robot" not in content:
@@ -106,21 +117,6 @@ def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Exper
         f"a log is an Experiment, the path of its file or a Recording with robot=..., got {type(log).__name__}; "
         "didim.Experiment.from_arrays(robot, q, tau, rate_hz=...) takes arrays"
     )
-
-
-def _refuse_other(path: Path) -> None:
-    """Refuse a file of another kind by its name, with the command for it."""
-    kind = path.suffix.lower()
-    if kind == ".json":
-        raise ExperimentError(
-            f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log"
-        )
-    if is_log(path):
-        raise ExperimentError(
-            f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
-        )
-    if kind == ".urdf":
-        raise ExperimentError(_other_kind(path, "robot"))
 
 
 def _other_kind(path: Path, kind: str) -> str:

@@ -38,7 +38,16 @@ def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
     if kind == "fourier":
         made = table.checked(_fourier(table, robot))
     elif kind == "point-to-point":
-        made = table.checked(_point_to_point(table, robot))
+        factor, unit = _one_unit(table, "points", robot)
+        points = np.array(table.matrix(f"points_{unit}", None, robot.n_dof)) * factor
+        velocity = joint_values(table, "max_velocity", robot, "_s")
+        acceleration = joint_values(table, "max_acceleration", robot, "_s2")
+        dwell = table.number("dwell_s")
+        made = table.checked(
+            lambda: Reference.point_to_point(
+                points, max_velocity=velocity, max_acceleration=acceleration, dwell_s=dwell
+            )
+        )
     table.done()
     return ReferenceSpec(kind, made, settings)
 
@@ -64,17 +73,6 @@ def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
     return lambda: Reference.fourier(sine, cosine, period_s=period, offset=offset, duration_s=duration)
 
 
-def _point_to_point(table: Table, robot: Robot) -> Callable[[], Reference]:
-    factor, unit = _one_unit(table, "points", robot)
-    points = np.array(table.matrix(f"points_{unit}", None, robot.n_dof)) * factor
-    velocity = joint_values(table, "max_velocity", robot, "_s")
-    acceleration = joint_values(table, "max_acceleration", robot, "_s2")
-    dwell = table.number("dwell_s")
-    return lambda: Reference.point_to_point(
-        points, max_velocity=velocity, max_acceleration=acceleration, dwell_s=dwell
-    )
-
-
 _LIMITS = {"max_position": "", "max_velocity": "_s", "max_acceleration": "_s2"}
 
 
@@ -97,7 +95,11 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     kind = table.text("kind")
     settings = table.content_unread
     if kind == "made-up":
-        return _made_up(table, settings)
+        # Its gains are computed by a method from its estimate (``didim.loop.tuning.made_up``).
+        table.number("natural_frequency_hz", None)
+        table.number("tracking_error")
+        table.done()
+        return ControllerSpec(MadeUpRecipe(), settings)
     own = of_actuators(robot) if kind == "pd" else {}
     damped = kind == "cascade" or (
         "kp" in own and "kp" not in settings and "natural_frequency_hz" not in settings
@@ -197,15 +199,6 @@ class ControllerRecipe:
         t = np.arange(0.0, reference.duration + 0.5 / FEEDFORWARD_HZ, 1.0 / FEEDFORWARD_HZ)
         tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(self.feedforward_of))
         return controller.with_feedforward(tau, rate_hz=FEEDFORWARD_HZ)
-
-
-def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
-    """Read a controller whose gains a method computes from its estimate (``didim.loop.tuning.made_up``)."""
-    table.number("natural_frequency_hz", None)
-    table.number("tracking_error")
-    table.done()
-
-    return ControllerSpec(MadeUpRecipe(), settings)
 
 
 @dataclass(frozen=True)

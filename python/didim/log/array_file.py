@@ -20,9 +20,6 @@ from .._tools.words import known_names, listing
 from ..errors import RecordingError
 from .data_format import LOST_SAMPLE, Column, DataFile
 
-MOST_SIGNALS = 100
-"""Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample."""
-
 
 class ArrayFile(DataFile):
     """A file of named arrays. A format has two methods: `variables` and `array`; `shape` where it is known without reading.
@@ -163,7 +160,8 @@ class ArrayFile(DataFile):
 
 def samples_in_columns(shape: tuple[int, ...]) -> bool:
     """Whether a matrix has a sample in each column, as some programs of MATLAB write them (a vector is left as it is)."""
-    return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > MOST_SIGNALS
+    # Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample.
+    return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > 100
 
 
 MAT_NUMBERS = frozenset(
@@ -197,7 +195,19 @@ class MatFile(ArrayFile):
         """Return the names of the variables and of a structure's fields, in MATLAB's notation ``rec.position``."""
         from scipy.io import whosmat
 
-        check_expanded(_inflated(self.raw), len(self.raw), self.name, RecordingError)
+        order = {b"IM": "<", b"MI": ">"}.get(self.raw[126:MAT_HEADER])
+        at, size = MAT_HEADER, 0
+        while order is not None and at + 8 <= len(self.raw):
+            kind, count = struct.unpack(f"{order}II", self.raw[at : at + 8])
+            at += 8
+            if kind == MAT_COMPRESSED:
+                inflate = zlib.decompressobj()
+                waiting = self.raw[at : at + count]
+                while waiting and not inflate.eof:
+                    size += len(inflate.decompress(waiting, BLOCK))
+                    waiting = inflate.unconsumed_tail
+            at += count
+        check_expanded(size, len(self.raw), self.name, RecordingError)
         # Any, because scipy-stubs only accept paths; the bytes avoid a second read of the file.
         stream: Any = io.BytesIO(self.raw)
         try:
@@ -258,20 +268,3 @@ def _fields(name: str, value: Any) -> list[str]:
 
 MAT_HEADER, MAT_COMPRESSED = 128, 15
 """Bytes before the first element of a mat file of version 5, and the type of an element that is compressed."""
-
-
-def _inflated(raw: bytes) -> int:
-    """Return the uncompressed size (bytes) of a version 5 mat file's elements, without storing them; 0 for any other file."""
-    order = {b"IM": "<", b"MI": ">"}.get(raw[126:MAT_HEADER])
-    at, size = MAT_HEADER, 0
-    while order is not None and at + 8 <= len(raw):
-        kind, count = struct.unpack(f"{order}II", raw[at : at + 8])
-        at += 8
-        if kind == MAT_COMPRESSED:
-            inflate = zlib.decompressobj()
-            waiting = raw[at : at + count]
-            while waiting and not inflate.eof:
-                size += len(inflate.decompress(waiting, BLOCK))
-                waiting = inflate.unconsumed_tail
-        at += count
-    return size

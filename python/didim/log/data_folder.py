@@ -153,7 +153,17 @@ def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | 
     if columns is None:
         return None
     if isinstance(columns, dict):
-        columns = _by_joint(table, columns, joints)
+        if not joints:
+            table.fail("columns by name of joint need a robot whose joints have names")
+        for name in columns:
+            if name not in joints:
+                table.fail(
+                    f"columns names joint {name!r}, which the robot has not{did_you_mean(name, joints)}"
+                )
+        missing = [name for name in joints if name not in columns]
+        if missing:
+            table.fail(f"columns has none for joint {missing[0]!r}")
+        columns = [columns[name] for name in joints]
     if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
         table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
     if len(columns) != count:
@@ -163,16 +173,3 @@ def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | 
     if len(set(columns)) < count and not isinstance(table.raw("file"), list):
         table.fail(f"columns names a column twice: {columns!r}")
     return cast("list[Column]", columns)
-
-
-def _by_joint(table: Table, columns: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
-    """Columns in the order of the joints, from a table ``{ joint = column }``."""
-    if not joints:
-        table.fail("columns by name of joint need a robot whose joints have names")
-    for name in columns:
-        if name not in joints:
-            table.fail(f"columns names joint {name!r}, which the robot has not{did_you_mean(name, joints)}")
-    missing = [name for name in joints if name not in columns]
-    if missing:
-        table.fail(f"columns has none for joint {missing[0]!r}")
-    return [columns[name] for name in joints]

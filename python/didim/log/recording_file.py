@@ -183,7 +183,15 @@ def _signals(
     values = {key: channel.read() for key, channel in channels.items()}
     t = sources["time"].values()[:, 0] * period if "time" in sources else None
     drives = channels["torque"].drives if "torque" in channels else None
-    return _Signals(sources, values, t, base, resample, drives, _origin(sources, channels))
+    origins: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
+    for key, channel in channels.items():
+        # The factors include counts and drive gains, whichever file declares them.
+        origins[key]["factors_to_si"] = channel.factors.tolist()
+        if np.any(channel.zeros):
+            origins[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
+        if channel.reduction is not None:
+            origins["reduction"] = channel.reduction.tolist()
+    return _Signals(sources, values, t, base, resample, drives, origins)
 
 
 def _rollouts(table: Table, signals: _Signals, rollouts: str) -> Windows:
@@ -292,19 +300,6 @@ def _inside(
                 f"stretches without one: {there} s"
             )
     return windows
-
-
-def _origin(sources: Mapping[str, Source], channels: Mapping[str, _Channel]) -> dict[str, Any]:
-    """Return the tables with the factors of their units, as JSON data."""
-    origins: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
-    for key, channel in channels.items():
-        # The factors include counts and drive gains, whichever file declares them.
-        origins[key]["factors_to_si"] = channel.factors.tolist()
-        if np.any(channel.zeros):
-            origins[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
-        if channel.reduction is not None:
-            origins["reduction"] = channel.reduction.tolist()
-    return origins
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ from ..errors import RecordingError
 from .data_format import Windows
 from .sampling import MINIMUM_SAMPLES, RATE_TOLERANCE
 
-LONGEST_STRETCH = 100.0
-"""Largest ratio of the time between the first and the last stamp to that of as many samples without a gap."""
 LONGEST_GAP_STEPS = 3.5
 """Longest time step, in median steps, that interpolation may bridge: from 4 on, three or more samples are missing."""
 STENCIL = 4
@@ -126,7 +124,8 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, as the time stamps have {1.0 / period:.6g} Hz; "
             "leave rate_hz out, and lower the rate with decimation under [signal]"
         )
-    if (stamps[-1] - stamps[0]) * rate > LONGEST_STRETCH * len(stamps):
+    # Largest ratio of the time between the first and the last stamp to that of as many samples without a gap.
+    if (stamps[-1] - stamps[0]) * rate > 100.0 * len(stamps):
         row = int(distinct[int(np.argmax(steps)) + 1])
         raise RecordingError(
             f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "

@@ -88,7 +88,15 @@ class RosBag(DataFile):
             check_input(file, RecordingError, "no such data file")
             if file.suffix == ".mcap":
                 check_expanded(EXPANDED * mcap_content(file), file.stat().st_size, name, RecordingError)
-        self.sha256 = _digest(path)
+        # Of a folder, with the names of its files.
+        digest = hashlib.sha256()
+        for file in _files(path):
+            if path.is_dir():
+                digest.update(file.name.encode() + b"\0")
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        self.sha256 = digest.hexdigest()
         self._wanted: dict[str, None] = {}
         self._messages = self._read(path, topic)
 
@@ -244,18 +252,6 @@ def _content(message: Any) -> _Message:
 def _files(path: Path) -> list[Path]:
     """Files of a bag: itself, or those of its folder."""
     return [file for file in sorted(path.iterdir()) if not file.is_dir()] if path.is_dir() else [path]
-
-
-def _digest(path: Path) -> str:
-    """SHA-256 of a file, or of the files of a folder with their names."""
-    digest = hashlib.sha256()
-    for file in _files(path):
-        if path.is_dir():
-            digest.update(file.name.encode() + b"\0")
-        with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()
 
 
 def mcap_content(path: Path) -> int:

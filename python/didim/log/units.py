@@ -40,16 +40,12 @@ _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
 
-MOTOR_RATIOS = (10.0, 400.0)
-"""Gear ratios that are tried for positions too large for joints: those of arms are between 30 and 250."""
-RATIO_STEP = 0.1
-"""Step of the logarithm of the ratio: an error of 5 % moves a joint of two radians by 6 degrees, and its torques by as much."""
-
-
 def motor_ratios() -> list[float]:
     """Return the gear ratios that are tried, from the smallest."""
-    low, high = np.log(MOTOR_RATIOS)
-    count = math.ceil((high - low) / RATIO_STEP) + 1
+    # Gear ratios that are tried for positions too large for joints: those of arms are between 30 and 250.
+    low, high = np.log((10.0, 400.0))
+    # Step of the logarithm of the ratio: an error of 5 % moves a joint of two radians by 6 degrees, and its torques by as much.
+    count = math.ceil((high - low) / 0.1) + 1
     return [float(ratio) for ratio in np.exp(np.linspace(low, high, count))]
 
 

@@ -124,27 +124,23 @@ def open_parquet(path: Path, name: str) -> ArrayFile:
         Without pyarrow, for files that cannot be read, and for a dataset of another version or without data.
     """
     if path.is_dir():
-        return _dataset(path, name)
+        info = _info(path, name)
+        files = sorted((path / "data").glob("*/*.parquet"), key=_numbers)
+        if not files:
+            raise RecordingError(f"{name}: the dataset has no data/*/*.parquet")
+        digest = hashlib.sha256()
+        parts = []
+        for each in files:
+            raw = read_file(each, RecordingError, "no such data file", copies=2)
+            digest.update(raw)
+            parts.append(ParquetFile(raw, f"{name}/{each.relative_to(path).as_posix()}"))
+        return LeRobotDataset(parts, _labels(info, parts[0].names), name, digest.hexdigest())
     file = ParquetFile(read_file(path, RecordingError, "no such data file", copies=2), name)
     # A file of a dataset lies in data/chunk-000.
     folder = next((above for above in path.resolve().parents[:3] if (above / INFO).is_file()), None)
     if folder is not None:
         file.labels = _labels(_info(folder, folder.name), file.names)
     return file
-
-
-def _dataset(path: Path, name: str) -> LeRobotDataset:
-    info = _info(path, name)
-    files = sorted((path / "data").glob("*/*.parquet"), key=_numbers)
-    if not files:
-        raise RecordingError(f"{name}: the dataset has no data/*/*.parquet")
-    digest = hashlib.sha256()
-    parts = []
-    for file in files:
-        raw = read_file(file, RecordingError, "no such data file", copies=2)
-        digest.update(raw)
-        parts.append(ParquetFile(raw, f"{name}/{file.relative_to(path).as_posix()}"))
-    return LeRobotDataset(parts, _labels(info, parts[0].names), name, digest.hexdigest())
 
 
 def _numbers(file: Path) -> list[int]:
