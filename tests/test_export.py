@@ -12,9 +12,8 @@ import didim
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.export.bodies import export_model, joint_friction
-from didim.export.report import compare_links
 from didim.export.source import exported_parameters
-from didim.export.write import export
+from didim.export.write import compare_links, export
 from didim.robot.friction import FrictionTerm
 from robots import random_parameters
 from test_export_urdf import arm_parameters

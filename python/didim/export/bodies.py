@@ -229,7 +229,12 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         inside = inverse(offsets[j])
         pseudo = inside @ pseudos[j] @ inside.T
         if pseudo.any() or j not in carrying:  # the links between the joints of one body have no mass
-            _check_body(links[j], pseudo)
+            reason = why_no_body(pseudo)
+            if reason is not None:
+                reason = reason if pseudo[3, 3] else "its mass is 0 kg (base parameters alone give no masses)"
+                raise FitError(
+                    f"link {links[j]!r} is not a body: {reason}; export physically consistent parameters"
+                )
         viscous, coulomb, left = joint_friction(values, j, robot.friction.terms, geometry.kinds[j])
         missed.append(left)
         stiffness = values.get(f"Ks{j + 1}", 0.0)
@@ -262,13 +267,6 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         outwards=geometry.outwards,
         lock=dict(places.lock) if places else {},
     )
-
-
-def _check_body(link: str, pseudo: Array) -> None:
-    reason = why_no_body(pseudo)
-    if reason is not None:
-        reason = reason if pseudo[3, 3] else "its mass is 0 kg (base parameters alone give no masses)"
-        raise FitError(f"link {link!r} is not a body: {reason}; export physically consistent parameters")
 
 
 def _check_drive(body: LinkBody) -> None:

@@ -25,8 +25,6 @@ from .bodies import WORDS, ExportModel, joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
-STUCK_CREEP_S = 5e-6
-"""Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
 MOST_SHIFT = 1.0
 """Largest shift of commands (rad or m): real servos have a hundredth of it, and beyond it gain or offset is false."""
 
@@ -173,7 +171,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
     FitError
         When the robot's joints have no names, or a rotor inertia or friction is negative.
     """
-    robot = fit.settings.get("robot", {})
+    robot = fit.robot_record
     names = tuple(robot.get("joint_names") or ())
     n = len(names)
     if not names:
@@ -198,7 +196,9 @@ def drives_of(fit: Identification, where: str) -> Drives:
         given = {key: column[j] for key, column in servo.items() if j < n}
         soft = bool(positions.get("soft") or positions.get("sticks"))
         creep, rest = given.get(SOFT[0]), given.get(SOFT[1])
-        creep = STUCK_CREEP_S if positions.get("sticks") else creep
+        # Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of
+        # 1 N.m.
+        creep = 5e-6 if positions.get("sticks") else creep
         drives.append(
             JointDrive(
                 joint=name,

@@ -51,7 +51,24 @@ def mjcf_text(model: ExportModel) -> str:
     bodies = _bodies(model, drives_of_links(model).every, model.between(), None)
     if model.base != "world":  # the name of MuJoCo's own outermost body
         bodies = [xml("body", *bodies, name=model.base)]
-    sections = {"tendon": _tendons(model), "equality": _equalities(model)}
+    tendons = []
+    for motor in model.motors:
+        joints = [
+            xml("joint", joint=link.joint, coef=number(coefficient))
+            for link, coefficient in zip(model.links, motor.coefficients, strict=True)
+            if coefficient
+        ]
+        tendons.append(xml("fixed", *joints, name=f"motor{motor.number + 1}", **_drive(motor)))
+    # MuJoCo's equality only supports one leader.
+    equalities = []
+    for link in model.links:
+        if link.follower is not None:
+            leader, factor = link.leader("an equality of MJCF")
+            line = f"{numbers([link.follower.offset, factor])} 0 0 0"
+            equalities.append(
+                xml("joint", joint1=link.joint, joint2=model.links[leader].joint, polycoef=line)
+            )
+    sections = {"tendon": tendons, "equality": equalities}
     motors = [_actuator(link) for link in model.links if link.follower is None]
     lines = xml(
         "mujoco",
@@ -105,29 +122,6 @@ def _drive(drive: JointDrive | CoupledMotor, **further: float) -> dict[str, str]
     """Return the attributes of a joint or a tendon that are not zero."""
     values = {"armature": drive.rotor, "damping": drive.viscous, "frictionloss": drive.coulomb, **further}
     return {key: number(value) for key, value in values.items() if value}
-
-
-def _tendons(model: ExportModel) -> list[list[str]]:
-    lines = []
-    for motor in model.motors:
-        joints = [
-            xml("joint", joint=link.joint, coef=number(coefficient))
-            for link, coefficient in zip(model.links, motor.coefficients, strict=True)
-            if coefficient
-        ]
-        lines.append(xml("fixed", *joints, name=f"motor{motor.number + 1}", **_drive(motor)))
-    return lines
-
-
-def _equalities(model: ExportModel) -> list[list[str]]:
-    """Return the ties of coupled joints; MuJoCo's equality only supports one leader."""
-    lines = []
-    for link in model.links:
-        if link.follower is not None:
-            leader, factor = link.leader("an equality of MJCF")
-            line = f"{numbers([link.follower.offset, factor])} 0 0 0"
-            lines.append(xml("joint", joint1=link.joint, joint2=model.links[leader].joint, polycoef=line))
-    return lines
 
 
 def _actuator(link: LinkBody) -> list[str]:

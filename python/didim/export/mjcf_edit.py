@@ -5,37 +5,37 @@ A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``sp
 ``forcerange`` and, where the result has another lag, ``timeconst``; a general one ``gainprm`` and ``biasprm``. Values already in
 the file, also by a default class, do not change. The spring of a coupled joint is part of its leader's, so its own element loses
 it. What tendons of one joint add stays theirs. A body gets mass, centre and inertia of all that moves with it, less those of the
-bodies fixed to it, which keep theirs if they can. An
-included file that changes stands in the place of its include. Tested in ``tests/test_export_drives.py``,
-``tests/test_export_links.py``, ``tests/test_softness.py`` and ``tests/test_couplings.py``.
+bodies fixed to it, which keep theirs if they can. A link is placed by the axis of its joint at position zero, so that robot and
+file may have other frames. An included file that changes stands in the place of its include. Tested in
+``tests/test_export_drives.py``, ``tests/test_export_links.py``, ``tests/test_softness.py`` and ``tests/test_couplings.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.words import listing
+from .._tools.words import listing, series
 from ..errors import FitError
 from ..model.dynamics import inertia_matrix
+from ..robot.rigid_body import central, inverse, why_no_body
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
 from ..robot.transmission import LARGEST_IMPEDANCE, Actuator
-from ..robot.urdf.chain import WHOLE, Chain, choose_chain
+from ..robot.urdf.chain import WHOLE, Chain, Member, choose_chain
 from ..robot.urdf.mechanism import MOVING
 from ..robot.urdf.mjcf import LEAST_IMPEDANCE
 from ..robot.urdf.mjcf_elements import MjcfElements, Setting, mjcf_elements
-from ..robot.urdf.reading import MJCF_SET
+from ..robot.urdf.reading import LARGEST_DIFFERENCE, MJCF_SET, own_gravity
 from ..robot.urdf.tendons import POWERS, Shares, shares_of
-from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, edited
+from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, attributes_out, edited, first_child
 from .bodies import WORDS, CoupledMotor, ExportModel
 from .drives import Drives, JointDrive, drives_of_links, for_step
-from .mjcf_links import SAME, link_edits, misfit
-from .numbers import number, numbers
+from .numbers import inertial, number, numbers, xml
 
 DRIVE = ("rotor", "viscous", "coulomb")
 """Fields of a drive that tendons have too."""
@@ -80,7 +80,17 @@ def edit_mjcf(
     chain, shares = _chain(elements, [drive.joint for drive in drives.every], links)
     settings = elements.settings(chain, shares)
     old = dict(zip([joint.name for joint in chain.driven], shares.actuators, strict=True))
-    motors = _motors(elements, settings, drives)
+    where = elements.description.where
+    for drive in drives.every:
+        if drive.joint not in elements.elements:
+            raise FitError(
+                f"{where}: joint {drive.joint!r} has no element of its own, as a <replicate> or <attach> made it"
+            )
+    motors = [
+        drive.joint
+        for drive in drives.joints
+        if drive.kp is not None and (drive.joint not in settings or not settings[drive.joint][1].is_position)
+    ]
     if step_s is not None:
         drives = for_step(drives, step_s, elements.integrator, explicit_kv=bool(motors))
     sentences = list(drives.sentences)
@@ -105,23 +115,6 @@ def edit_mjcf(
             edits += _actuator_edits(*settings[drive.joint], old[drive.joint], drive)
     content = edited(elements.outermost, edits)
     return content, replace(drives, sentences=tuple(sentences))
-
-
-def _motors(
-    elements: MjcfElements, settings: Mapping[str, tuple[Element, Setting]], drives: Drives
-) -> list[str]:
-    """Return joints with gains in the result, and without a position actuator in the file; all joints need elements."""
-    where = elements.description.where
-    for drive in drives.every:
-        if drive.joint not in elements.elements:
-            raise FitError(
-                f"{where}: joint {drive.joint!r} has no element of its own, as a <replicate> or <attach> made it"
-            )
-    return [
-        drive.joint
-        for drive in drives.joints
-        if drive.kp is not None and (drive.joint not in settings or not settings[drive.joint][1].is_position)
-    ]
 
 
 def _chain(
@@ -281,3 +274,150 @@ def _inverse_inertia(robot: Robot, drives: Drives) -> Mapping[str, float]:
         x[robot.parameter_names.index(f"Ia{j + 1}")] = rotors.get(name, 0.0)
     matrix = inertia_matrix(robot, np.zeros((1, robot.n_dof)), x)[0]
     return dict(zip(robot.joint_names, np.diag(np.linalg.inv(matrix)).tolist(), strict=True))
+
+
+SAME = 1e-10
+"""Largest relative difference of two equal values, whose digits the file then keeps: frames that are far away cost some."""
+TURNED = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
+"""Attributes of the orientation of an inertial frame, which ``fullinertia`` does without."""
+
+
+def misfit(chain: Chain, shares: Shares, links: ExportModel) -> str | None:
+    """Return why links are not those of a file's mechanism, as the end of a sentence, or None if they are.
+
+    At position zero, all axes of joints must be the same lines in the base, and coupled joints and motors be coupled alike.
+    """
+    names = [link.joint for link in links.links]
+    missing = sorted(set(names) - set(chain.frames))
+    if missing:
+        return f"the file has no moving joint {missing[0]!r}"
+    theirs, parents = chain.frames, dict(zip((j.name for j in chain.joints), chain.parents, strict=True))
+    joints = {joint.name: joint for joint in chain.joints}
+    for j, link in enumerate(links.links):
+        joint, own, their = joints[link.joint], links.frames[j], theirs[link.joint]
+        parent = parents[link.joint]
+        above = None if parent is None else chain.joints[parent].name
+        if above != (None if link.parent is None else names[link.parent]):
+            return f"joint {link.joint!r} stands on another link"
+        axis = own[:3, :3] @ link.axis
+        apart = np.cross(their[:3, 3] - own[:3, 3], axis) * (link.kind == "revolute")
+        turned = their[:3, :3] @ joint.axis - axis
+        if (joint.kind == "prismatic") != (link.kind == "prismatic") or not (
+            np.abs([apart, turned]).max() <= LARGEST_DIFFERENCE
+        ):
+            return f"joint {link.joint!r} has another axis at position zero"
+        ties = [] if link.follower is None else [(names[at], factor) for at, factor in link.follower.leaders]
+        tied = chain.mimics.get(link.joint)
+        if [leader for leader, _ in ties] != ([tied[0]] if tied else []) or (
+            tied
+            and link.follower is not None
+            and not np.allclose(tied[1:], (ties[0][1], link.follower.offset), atol=LARGEST_DIFFERENCE)
+        ):
+            return f"joint {link.joint!r} follows others in another way"
+    order = [names.index(joint.name) for joint in chain.driven]
+    coupling = np.eye(len(order))
+    for motor in links.motors:
+        coupling[motor.number] = motor.coefficients
+    if not np.allclose(coupling[np.ix_(order, order)], shares.coupling, atol=LARGEST_DIFFERENCE):
+        return "its motors are coupled in another way"
+    return None
+
+
+def link_edits(elements: MjcfElements, chain: Chain, links: ExportModel) -> tuple[list[Edit], list[str]]:
+    """Return the changes of inertias, unsorted, and sentences on them.
+
+    Raises
+    ------
+    FitError
+        When a body is none without those fixed to it, or has no element.
+    """
+    groups = {joint.name: group for joint, group in zip(chain.joints, chain.groups, strict=True)}
+    pseudos: dict[str, Array] = {}
+    for j, link in enumerate(links.links):
+        back = inverse(chain.frames[link.joint]) @ links.frames[j]
+        pseudos |= _shared(elements, link.joint, groups[link.joint], back @ link.pseudo @ back.T)
+    # MuJoCo's compiler is kept from changing the new inertias, or from taking those of geoms.
+    heavy = [pseudo for pseudo in pseudos.values() if pseudo.any()]
+    lightest = min((pseudo[3, 3] for pseudo in heavy), default=np.inf)
+    flattest = min((np.linalg.eigvalsh(central(pseudo)[2])[0] for pseudo in heavy), default=np.inf)
+    edits = []
+    for compiler in elements.outermost.all("compiler") if heavy else ():
+        old = compiler.attributes
+        changes = {
+            "inertiafromgeom": ("auto", old.get("inertiafromgeom") == "true"),
+            "settotalmass": ("-1", float(old.get("settotalmass", "-1")) > 0.0),
+            "boundmass": ("0", float(old.get("boundmass", "0")) > lightest),
+            "boundinertia": ("0", float(old.get("boundinertia", "0")) > flattest),
+        }
+        edits += [attribute_edit(compiler, key, value) for key, (value, needed) in changes.items() if needed]
+    changed = bool(edits)
+    if changed:  # what the compiler made of other bodies stays
+        others = {
+            name: inertial.pseudo
+            for name in elements.bodies
+            if (inertial := elements.description.links[name])
+        }
+        pseudos = others | pseudos
+    for name, pseudo in pseudos.items():
+        if name not in elements.bodies:
+            raise FitError(
+                f"{elements.description.where}: body {name!r} has no element of its own, as a <replicate> or <attach> made it"
+            )
+        edits += _inertial(elements.bodies[name], pseudo)
+    made = [
+        name
+        for name in pseudos
+        if changed or (name in elements.bodies and not elements.bodies[name].find("inertial"))
+    ]
+    told = [f"MuJoCo made the inertia of {series(made, 60)}: an <inertial> replaces it"] if made else []
+    down = own_gravity(elements.description, chain)
+    if not np.allclose(down, links.gravity, atol=LARGEST_DIFFERENCE * np.abs(down).max()):
+        told.append(
+            f"gravity of the file stays {numbers(down)} in its base, and that of the result is {numbers(links.gravity)}"
+        )
+    return edits, told
+
+
+def _shared(
+    elements: MjcfElements, joint: str, group: Sequence[Member], pseudo: Array
+) -> Iterator[tuple[str, Array]]:
+    """Yield the bodies that change, with their pseudo-inertias, of those that move with a joint."""
+    where = elements.description.where
+    lost = {member.link for member in group if member.link in elements.description.incomplete}
+    other = np.sum([member.pseudo for member in group], axis=0)
+    if not lost and bool(np.linalg.norm(pseudo - other) <= SAME * np.linalg.norm(other)):
+        return
+    bodies = [member for member in group if member.link in elements.reader.bodies]
+    if not bodies:
+        raise FitError(
+            f"{where}: the link behind joint {joint!r} is none of its bodies, and has a mass of {pseudo[3, 3]:.4g} kg"
+        )
+    first, *others = bodies
+    held = [member for member in others if member.link not in lost]
+    reason: str | None = None
+    # Bodies that are fixed to the first keep their inertia, unless that leaves none for it.
+    for kept in (held, [member for member in held if member.locked]):
+        rest = pseudo - np.sum([np.zeros((4, 4)), *(member.pseudo for member in kept)], axis=0)
+        reason = why_no_body(rest)
+        if reason is None:
+            back = inverse(first.pose)
+            yield first.link, back @ rest @ back.T
+            emptied = [member for member in others if member not in kept]
+            yield from (
+                (each.link, np.zeros((4, 4))) for each in emptied if each.inertial or each.link in lost
+            )
+            return
+    names = series((member.link for member in held if member.locked), 30)
+    raise FitError(f"body {first.link!r} is no body without {names or 'others'}: {reason}")
+
+
+def _inertial(body: Element, pseudo: Array) -> list[Edit]:
+    """Return the changes that give a body an inertia; a body without one is empty."""
+    values, old = inertial(pseudo), body.find("inertial")
+    if old is None:
+        return [first_child(body, xml("inertial", **values))]
+    (*_, shape), shapes = values, {"fullinertia", "diaginertia"} & set(old.attributes)
+    edits = [
+        attribute_edit(old, key, value, *(shapes if key == shape else ())) for key, value in values.items()
+    ]
+    return edits + attributes_out(old, TURNED)

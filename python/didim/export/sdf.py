@@ -12,11 +12,10 @@ from xml.sax.saxutils import escape
 
 from numpy.typing import ArrayLike
 
-from .._tools.arrays import Array
 from .._tools.words import series
 from ..robot.rigid_body import central, inverse, roll_pitch_yaw
 from ..robot.robot import Robot
-from .bodies import ExportModel, LinkBody, export_model
+from .bodies import ExportModel, export_model
 from .numbers import moments, number, xml
 
 VERSION = "1.6"
@@ -71,7 +70,26 @@ def sdf_text(model: ExportModel) -> str:
     for j in model.outwards:
         link = links[j]
         parent = model.base if link.parent is None else model.links[link.parent].link
-        parts += [_link(link, frames[j]), _joint(link, parent, model)]
+        frame = frames[j]
+        mass, centre, inertia = central(link.pseudo)
+        solid = _text(pose=[*centre, 0.0, 0.0, 0.0], mass=mass)
+        place = _text(pose=[*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
+        entries = xml("inertia", _text(**moments(inertia)))
+        lower, upper = link.limits.position or (None, None)
+        limit = _text(lower=lower, upper=upper, effort=link.limits.effort, velocity=link.limits.velocity)
+        dynamics = _text(damping=link.viscous, friction=link.coulomb)
+        if link.stiffness:
+            dynamics += _text(spring_reference=link.rest, spring_stiffness=link.stiffness)
+        axis = [_text(xyz=link.axis), xml("limit", limit) if limit else [], xml("dynamics", dynamics)]
+        if link.follower is not None:
+            leader, factor = link.leader("a mimic joint of SDF")
+            relation = [*_text(multiplier=factor, offset=link.follower.offset), "<reference>0</reference>"]
+            axis.append(xml("mimic", relation, joint=model.links[leader].joint))
+        pair = _text(parent=parent, child=link.link)
+        parts += [
+            xml("link", place, xml("inertial", solid, entries), name=link.link),
+            xml("joint", pair, xml("axis", *axis), name=link.joint, type=link.kind),
+        ]
     lines = xml("sdf", xml("model", *parts, name=model.name), version=VERSION)
     return "\n".join(['<?xml version="1.0"?>', *lines]) + "\n"
 
@@ -105,26 +123,3 @@ def _text(**values: str | float | Iterable[float] | None) -> list[str]:
             text = " ".join(escape(word) if isinstance(word, str) else number(word) for word in words)
             lines.append(f"<{tag}>{text}</{tag}>")
     return lines
-
-
-def _link(link: LinkBody, frame: Array) -> list[str]:
-    mass, centre, inertia = central(link.pseudo)
-    body = _text(pose=[*centre, 0.0, 0.0, 0.0], mass=mass)
-    place = _text(pose=[*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
-    entries = xml("inertia", _text(**moments(inertia)))
-    return xml("link", place, xml("inertial", body, entries), name=link.link)
-
-
-def _joint(link: LinkBody, parent: str, model: ExportModel) -> list[str]:
-    lower, upper = link.limits.position or (None, None)
-    limit = _text(lower=lower, upper=upper, effort=link.limits.effort, velocity=link.limits.velocity)
-    dynamics = _text(damping=link.viscous, friction=link.coulomb)
-    if link.stiffness:
-        dynamics += _text(spring_reference=link.rest, spring_stiffness=link.stiffness)
-    axis = [_text(xyz=link.axis), xml("limit", limit) if limit else [], xml("dynamics", dynamics)]
-    if link.follower is not None:
-        leader, factor = link.leader("a mimic joint of SDF")
-        relation = [*_text(multiplier=factor, offset=link.follower.offset), "<reference>0</reference>"]
-        axis.append(xml("mimic", relation, joint=model.links[leader].joint))
-    ends = _text(parent=parent, child=link.link)
-    return xml("joint", ends, xml("axis", *axis), name=link.joint, type=link.kind)

@@ -147,7 +147,7 @@ def fitted_robot(
     zones too.
     """
     robot = _candidate(fit, path, urdf) if given is None else load_robot(given)
-    saved = fit.settings.get("robot", {}).get("friction", {})
+    saved = fit.robot_record.get("friction", {})
     options = {key: saved[key] for key in ("model", "coulomb", "coupling") if key in saved}
     if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters
         options["coulomb"] = "sign"

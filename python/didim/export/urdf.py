@@ -20,7 +20,7 @@ from .._tools.words import series
 from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
-from ..robot.urdf.chain import Chain, choose_chain
+from ..robot.urdf.chain import choose_chain
 from ..robot.urdf.description import read_description
 from ..robot.urdf.xml_spans import Edit, Element, attribute_edit, edited, first_child, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
@@ -70,7 +70,35 @@ def edited_urdf(robot: Robot, model: ExportModel, data: bytes, where: str, keep_
     description = read_description(data, where)
     chain = choose_chain(description, base=places.base, tip=places.tip, lock=lock).numbered()
     outermost = parse_xml(data, where)
-    return edited(outermost, _edits(outermost, model, chain, keep_lumped))
+    links = {element.attributes.get("name"): element for element in outermost.all("link")}
+    joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
+    changes = []
+    for body, group in zip(model.links, chain.groups, strict=True):
+        pseudo = body.pseudo.copy()
+        untouched = []
+        for member in group[1:]:
+            if member.inertial is None:
+                continue
+            if keep_lumped or member.locked:
+                pseudo -= member.pseudo
+                untouched.append(member.link)
+            else:
+                element = links[member.link].find("inertial")
+                assert element is not None
+                # A comment of XML has no two hyphens in a row.
+                note = f"<!-- inertial: part of link {re.sub(r'-(?=-)', '- ', body.link)} -->"
+                changes.append(
+                    Edit(element.data, element.start, element.end, note.encode("ascii", "replace"))
+                )
+        # A link between joints may have no mass.
+        reason = why_no_body(pseudo) if pseudo.any() or links[body.link].find("inertial") else None
+        if reason is not None:
+            without = f" without {series(untouched, 30)}" if untouched else ""
+            raise FitError(f"link {body.link!r} is not a body{without}: {reason}")
+        if pseudo.any():
+            changes.append(_inertial(links[body.link], pseudo))
+        changes += _dynamics(joints[body.joint], body)
+    return edited(outermost, changes)
 
 
 def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
@@ -88,36 +116,6 @@ def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
             "read it again: didim robot"
         )
     return data
-
-
-def _edits(outermost: Element, model: ExportModel, chain: Chain, keep_lumped: bool) -> list[Edit]:
-    """Return the changes of a file, unsorted."""
-    links = {element.attributes.get("name"): element for element in outermost.all("link")}
-    joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
-    changes = []
-    for body, group in zip(model.links, chain.groups, strict=True):
-        pseudo = body.pseudo.copy()
-        untouched = []
-        for member in group[1:]:
-            if member.inertial is None:
-                continue
-            if keep_lumped or member.locked:
-                pseudo -= member.pseudo
-                untouched.append(member.link)
-            else:
-                element = links[member.link].find("inertial")
-                assert element is not None
-                note = f"<!-- inertial: part of link {_safe(body.link)} -->"
-                changes.append(Edit(element.data, element.start, element.end, note.encode()))
-        # A link between joints may have no mass.
-        reason = why_no_body(pseudo) if pseudo.any() or links[body.link].find("inertial") else None
-        if reason is not None:
-            without = f" without {series(untouched, 30)}" if untouched else ""
-            raise FitError(f"link {body.link!r} is not a body{without}: {reason}")
-        if pseudo.any():
-            changes.append(_inertial(links[body.link], pseudo))
-        changes += _dynamics(joints[body.joint], body)
-    return changes
 
 
 def _inertial(link: Element, pseudo: Array) -> Edit:
@@ -183,8 +181,3 @@ def _dynamics(joint: Element, body: LinkBody | JointDrive) -> list[Edit]:
         last = max(joint.children, key=lambda child: child.end).end
         changes.append(Edit(joint.data, last, last, behind))
     return changes
-
-
-def _safe(name: str) -> str:
-    """Return a name escaped for a comment, ASCII only."""
-    return re.sub(r"-(?=-)", "- ", name).encode("ascii", "replace").decode()

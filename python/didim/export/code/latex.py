@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 MOST_JOINTS = 3
 """Largest number of joints whose equations are written: those of more joints fill pages."""
 
-LARGEST_DENOMINATOR = 12
-"""Largest denominator for which a number is written as a fraction."""
 
 _REFUSED = {
     "load": "depends on the load",
@@ -167,7 +165,8 @@ def _short(sympy: Any, value: Any) -> Any:
     """Simplify a coefficient: fewer sines and cosines, decimals instead of long fractions."""
     value = sympy.trigsimp(sympy.expand(value))
     return value.xreplace(
-        {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > LARGEST_DENOMINATOR}
+        # Largest denominator for which a number is written as a fraction.
+        {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > 12}
     )
 
 
