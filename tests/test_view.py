@@ -16,10 +16,11 @@ import pytest
 import didim
 from didim._tools.arrays import Array
 from didim.cli.main import main
-from didim.cli.robots.view import contents
+from didim.cli.view import contents
 from didim.errors import DidimError
 from didim.model.kinematics import frames
-from didim.view import framing, playback, shapes
+from didim.view import playback, shapes
+from didim.view.page import box_of, floor_axes
 from didim.view.visuals import find_mesh, visuals
 from test_compare import ARM
 
@@ -285,7 +286,7 @@ def test_the_page_is_served_and_moves(log: Path) -> None:
     "gravity", [(0, 0, -9.81), (0, -9.81, 0), (9.81, 0, 0), (3, -4, 5), (0, 0, 9.81), (0, 0, 0)]
 )
 def test_the_floor_is_level(gravity: tuple[float, ...]) -> None:
-    axes = framing.floor_axes(np.array(gravity, dtype=float))
+    axes = floor_axes(np.array(gravity, dtype=float))
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     expected = np.array([0.0, 0.0, 1.0]) if not any(gravity) else -np.array(gravity) / np.linalg.norm(gravity)
@@ -328,7 +329,7 @@ def test_the_camera_sees_the_whole_robot_in_every_pose(name: str, aspect: float)
         corner @ matrix[shape.link, :3, :3].T + matrix[shape.link, :3, 3]
         for matrix in frames(robot, q)
         for shape in drawn
-        for corner in framing.box_of(shape)
+        for corner in box_of(shape)
     ]
     x, y, depth = rows @ (np.array(corners) - camera.position).T
     assert depth.min() > 0.0

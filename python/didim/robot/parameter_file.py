@@ -68,7 +68,26 @@ def write_parameters(
     path = Path(path)
     check_path(path)
     if path.suffix == ".toml":
-        write_atomically(path, _toml(arrays, comments, path.stem), sources)
+        beta, stds, parameters = (arrays[key] for key in ("beta", "std", "parameters"))
+        known = bool(stds.any())
+        lines = [f"# {one_line(text)}" for text in comments]
+        lines += ["# SI units, joint side.", f"[parameters.{toml_key(path.stem)}]"]
+        texts = (arrays[key] for key in ("names", "units", "roles"))
+        values = zip(*texts, beta, stds, relative_percent(stds, beta), strict=True)
+        # A consistent result writes all standard parameters; the base parameters are then comments.
+        whole = bool(np.count_nonzero(parameters) > np.count_nonzero(beta))
+        mark = "# " if whole else ""
+        for parameter, unit, role, value, std, percent in values:
+            sigma = (
+                f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
+            )
+            lines.append(
+                f"{mark}{toml_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
+            )
+        if whole:
+            standard = zip(arrays["parameter_names"], parameters, strict=True)
+            lines += [f"{toml_key(parameter)} = {float(value)!r}" for parameter, value in standard]
+        write_atomically(path, "\n".join(lines) + "\n", sources)
         return
     save_npz(path, arrays, sources)
 
@@ -118,27 +137,6 @@ def load_parameters(robot: Robot, path: str | Path) -> Array:
 def is_file(source: str) -> bool:
     """Whether a text is the path of a parameter file rather than the name of a set."""
     return source.endswith((*SUFFIXES, ".json"))
-
-
-def _toml(arrays: Mapping[str, NDArray[Any]], comments: Sequence[str], name: str) -> str:
-    beta, stds, parameters = (arrays[key] for key in ("beta", "std", "parameters"))
-    known = bool(stds.any())
-    lines = [f"# {one_line(text)}" for text in comments]
-    lines += ["# SI units, joint side.", f"[parameters.{toml_key(name)}]"]
-    texts = (arrays[key] for key in ("names", "units", "roles"))
-    values = zip(*texts, beta, stds, relative_percent(stds, beta), strict=True)
-    # A consistent result writes all standard parameters; the base parameters are then comments.
-    whole = bool(np.count_nonzero(parameters) > np.count_nonzero(beta))
-    mark = "# " if whole else ""
-    for parameter, unit, role, value, std, percent in values:
-        sigma = f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
-        lines.append(
-            f"{mark}{toml_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
-        )
-    if whole:
-        standard = zip(arrays["parameter_names"], parameters, strict=True)
-        lines += [f"{toml_key(parameter)} = {float(value)!r}" for parameter, value in standard]
-    return "\n".join(lines) + "\n"
 
 
 def _set(path: Path) -> tuple[dict[str, float], str]:

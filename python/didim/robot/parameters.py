@@ -185,7 +185,12 @@ def base_parameters(core: _core.Robot) -> BaseParameters:
             matrix[row, other] = coefficient
         name = standard[column] + ("R" if regrouped else "")
         names.append(name)
-        groupings.append(f"{name} = {_sum(standard, column, regrouped)}")
+        text = standard[column]
+        for other, _, symbol in regrouped:
+            negative = symbol.startswith("-")
+            factor = symbol.removeprefix("-").strip()
+            text += f" {'-' if negative else '+'} {factor}{' ' if factor else ''}{standard[other]}"
+        groupings.append(f"{name} = {text}")
     matrix.setflags(write=False)
     return BaseParameters(
         names=tuple(names),
@@ -195,12 +200,3 @@ def base_parameters(core: _core.Robot) -> BaseParameters:
         unidentifiable=tuple(standard[column] for column in unidentifiable),
         matrix=matrix,
     )
-
-
-def _sum(standard: Sequence[str], column: int, regrouped: Sequence[tuple[int, float, str]]) -> str:
-    text = standard[column]
-    for other, _, symbol in regrouped:
-        negative = symbol.startswith("-")
-        factor = symbol.removeprefix("-").strip()
-        text += f" {'-' if negative else '+'} {factor}{' ' if factor else ''}{standard[other]}"
-    return text

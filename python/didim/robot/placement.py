@@ -17,9 +17,6 @@ from .._tools.arrays import Array
 from .right_angles import without_rounding
 from .rigid_body import mdh_pose, pose
 
-ALONG = 1e-12
-"""Largest sine of the angle between two z axes that count as parallel: rounding."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Mount:
@@ -96,7 +93,8 @@ def as_row(placement: Array, parent: int | None) -> tuple[Mount, float, float]:
     rotation, (x, y, z) = placement[:3, :3], placement[:3, 3]
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     # For parallel axes only the sum or the difference of gamma and theta is defined.
-    gamma = without_rounding(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > ALONG else 0.0
+    # Largest sine of the angle between two z axes that count as parallel: rounding.
+    gamma = without_rounding(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > 1e-12 else 0.0
     alpha = without_rounding(math.atan2(sine, rotation[2, 2]))
     # For nearly parallel axes gamma is inaccurate; theta compensates for its error.
     rest = (mdh_pose(0.0, 0.0, gamma, 0.0) @ mdh_pose(alpha, 0.0, 0.0, 0.0))[:3, :3].T @ rotation

@@ -20,8 +20,6 @@ from .._tools.arrays import Array
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Names of the ten inertial parameters of a link, in the order of the standard parameters."""
 
-BODY_TOLERANCE = 1e-12
-"""Largest negative eigenvalue of the central second moments that rounding explains, as a share of their trace."""
 
 EXACT = 1e-12
 """Bound of cosines and sines that count as zero, that is as right angles, as in the core."""
@@ -185,7 +183,8 @@ def why_no_body(pseudo: Array) -> str | None:
     if not moments[0] > 0.0:
         return f"its smallest moment of inertia about the centre of mass is {moments[0]:.4g} kg.m^2"
     excess = moments[2] - moments[0] - moments[1]
-    if excess > BODY_TOLERANCE * moments.sum():
+    # Largest negative eigenvalue of the central second moments that rounding explains, as a share of their trace.
+    if excess > 1e-12 * moments.sum():
         return (
             "its moments of inertia break the triangle inequality "
             f"({moments[2]:.4g} > {moments[0]:.4g} + {moments[1]:.4g} kg.m^2)"

@@ -4,15 +4,18 @@ Without a ``tip`` the chain follows, from the base on, the only child with movin
 something shorter, the fingers of a gripper, it ends there; else the robot is the whole tree. Links behind fixed joints belong to
 the moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
 spherical joints are fixed at zero. A joint that mimics another follows it, and is locked if that one is.
-Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py`` and ``tests/test_couplings.py``.
+`chain_of_names` finds the chain that a log names.
+Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py``, ``tests/test_couplings.py`` and ``tests/test_init_files.py``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import did_you_mean, series
 from ...errors import RobotError
 from ..robot import MOST_JOINTS
+from .description import read_description
 from .mechanism import MOVING, Description, Inertial, UrdfJoint
 
 WHOLE = ""
@@ -243,7 +247,11 @@ def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
 
 def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
     """Return the last link of the only moving path from the base, or of the arm before its gripper; `WHOLE` for other trees."""
-    reach = _reach(description, lock)
+    # The largest number of moving joints on a path that begins with the parent joint of each link.
+    reach: dict[str, int] = {}
+    for link in reversed(description.order):
+        beyond = max((reach[joint.child] for joint in description.outgoing.get(link, ())), default=0)
+        reach[link] = beyond + (link in description.joints and _free(description.joints[link], lock))
     link = base
     seen = 0
     while True:
@@ -258,15 +266,6 @@ def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
 
 def _free(joint: UrdfJoint, lock: Mapping[str, float]) -> bool:
     return joint.kind in MOVING and joint.name not in lock
-
-
-def _reach(description: Description, lock: Mapping[str, float]) -> dict[str, int]:
-    """Return for each link the largest number of moving joints on a path that begins with its parent joint."""
-    reach: dict[str, int] = {}
-    for link in reversed(description.order):
-        beyond = max((reach[joint.child] for joint in description.outgoing.get(link, ())), default=0)
-        reach[link] = beyond + (link in description.joints and _free(description.joints[link], lock))
-    return reach
 
 
 def _still(joint: UrdfJoint, lock: Mapping[str, float]) -> Array:
@@ -330,3 +329,46 @@ def _assemble(
         groups=tuple(groups),
         locked=locked,
     )
+
+
+def chain_of_names(path: Path, names: Sequence[str]) -> tuple[str, list[str]] | None:
+    """Return last link and locked joints of the chain whose joints are named.
+
+    Parameters
+    ----------
+    path : Path
+        URDF.
+    names : sequence of str
+        Names in a log; they may contain the name of a joint: ``arm_1_joint_position``.
+
+    Returns
+    -------
+    (str, list of str) or None
+        Link behind the last named joint, and moving joints before it that are not named; None if no joint is named, or if the
+        named joints do not lie on one chain.
+
+    Raises
+    ------
+    RobotError
+        When the file cannot be read.
+    """
+    description = read_description(path.read_bytes(), path.name)
+    joints = {joint.name: joint for joint in description.joints.values() if joint.kind in MOVING}
+    named = {joint_name for name in names if (joint_name := _longest(name, list(joints)))}
+    best: list[tuple[str, list[str]]] = []
+    for name in named:
+        path_there = description.path(description.root, joints[name].child) or []
+        moving = [joint.name for joint in path_there if joint.moves]
+        if named <= set(moving):
+            best.append((joints[name].child, [other for other in moving if other not in named]))
+    return best[0] if len(best) == 1 else None
+
+
+def _longest(name: str, joints: Sequence[str]) -> str | None:
+    """Return the longest joint name in a text that is delimited by characters other than letters and digits."""
+    there = [
+        joint
+        for joint in joints
+        if re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name, flags=re.IGNORECASE)
+    ]
+    return max(there, key=len, default=None)

@@ -45,8 +45,6 @@ MJCF_SET = "mjcf"
 FILE_SETS = (URDF_SET, MJCF_SET)
 """Names of the parameter sets of robot descriptions, of which a robot has one at most."""
 
-SMALLEST_TORQUE_SHARE = 1e-6
-"""Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""
 
 LARGEST_DIFFERENCE = 1e-6
 """Largest difference of the self-test, as a share of the largest torque, beyond which a description is refused."""
@@ -436,7 +434,8 @@ def _self_test(
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)
         # The torque of a joint without load is pure rounding.
-        largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_TORQUE_SHARE * np.abs(expected).max())
+        # Lower bound of a joint's largest torque in the self-test, as a share of that of all joints.
+        largest = np.maximum(np.abs(expected).max(axis=0), 1e-6 * np.abs(expected).max())
         # A robot without any torque, such as a point mass on a vertical axis, has none to compare with.
         differences.append(
             float((np.abs(tau - expected).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
