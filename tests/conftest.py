@@ -77,7 +77,7 @@ def without_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the figures and embed an empty picture of each: their layout takes most of the time, for tests that read the text."""
-    monkeypatch.setattr("didim.report.picture.svg", lambda figure: "<svg/>")
+    monkeypatch.setattr("didim.report.page.svg", lambda figure: "<svg/>")
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 def drawn(markdown: str) -> Iterator[tuple[int, str]]:
     """Run the blocks of a page in one namespace; yield the end of each block that draws, with its picture as HTML."""
-    from didim.report.picture import picture
+    from didim.report.page import picture
 
     names: dict[str, Any] = {}
     for block in BLOCK.finditer(markdown):

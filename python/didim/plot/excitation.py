@@ -11,8 +11,6 @@ from .style import FAINT, MODEL, RESIDUAL, Figure, legend_above, line, new_figur
 
 MOST_POSES = 60
 """Largest number of poses in the picture of the swept space."""
-PER_ROW = 3
-"""Number of joints side by side."""
 
 
 @styled
@@ -36,7 +34,8 @@ def motion(design: Excitation) -> Figure:
     """
     t, q, dq, ddq = design.sampled()
     n = design.robot.n_dof
-    rows, columns = per_row(n, PER_ROW)
+    # Number of joints side by side.
+    rows, columns = per_row(n, 3)
     figure = new_figure(2.1 * rows)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     limits = design.limits.whole

@@ -13,8 +13,6 @@ PANELS_PER_ROW = 3
 """Number of panels side by side."""
 PANEL_IN = 2.5
 """Height of a panel (inches)."""
-MOST_MARKS = 120
-"""Largest number of rows of the log in a panel."""
 
 
 @styled
@@ -45,7 +43,8 @@ def friction(fit: Identification, experiment: Experiment) -> Figure:
     figure = new_figure(PANEL_IN * rows + 0.3)
     for joint, curve in enumerate(curves):
         axes = figure.add_subplot(rows, columns, joint + 1)
-        marks = slice(None, None, -(-len(curve.measured) // MOST_MARKS))
+        # Largest number of rows of the log in a panel.
+        marks = slice(None, None, -(-len(curve.measured) // 120))
         axes.plot(
             curve.measured_speed[marks],
             curve.measured[marks],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -32,16 +32,8 @@ from .style import (
 Pieces = list[tuple[Array, Array, Array]]
 """Instants (n,), measured and modelled values (n, n_dof) of each window."""
 
-CONFIDENCE = 1.96
-"""Half width of a normal distribution's 95 % interval, in standard deviations."""
-MOST_BAND_POINTS = 300
-"""Largest number of points of a prediction band: it varies slowly."""
-MOST_LAGS = 40
-"""Largest lag of an autocorrelation (rows)."""
 PANELS_PER_ROW = 2
 """Number of panels side by side."""
-SMALL_PANELS_PER_ROW = 3
-"""Number of small panels side by side."""
 SMALLEST_CORRELATION_AXIS = 0.3
 """Smallest extent of an autocorrelation's axis to either side: white noise of a few hundred rows fills a third of it."""
 
@@ -75,7 +67,17 @@ def torques(
     windows = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     words = {"measured": "predicted", "simulated": "simulated"}[windows[0].motion]
-    pieces = _end_to_end(windows, {window.name: start_of(window) for window in experiment.recordings})
+    # Windows follow each other in time, recording by recording, from 0.
+    starts = {window.name: start_of(window) for window in experiment.recordings}
+    pieces: Pieces = []
+    offset, last, name = -starts.get(windows[0].recording, 0.0), 0.0, ""
+    for window in windows:
+        if name and window.recording != name:
+            offset = last - float(window.t[0])
+        name = window.recording
+        t = window.t + offset
+        last = float(t[-1])
+        pieces.append((t, window.measured, window.predicted))
     bands = [
         (t, 0.5 * (high - low))
         for (t, _, _), window in zip(pieces, windows, strict=True)
@@ -159,20 +161,6 @@ def start_of(recording: Recording) -> float:
     return float(recording.t[recording.windows[0][0]])
 
 
-def _end_to_end(predictions: Sequence[Prediction], starts: Mapping[str, float]) -> Pieces:
-    """Return windows with consecutive times, recording by recording, from 0."""
-    pieces: Pieces = []
-    offset, last, name = -starts.get(predictions[0].recording, 0.0), 0.0, ""
-    for window in predictions:
-        if name and window.recording != name:
-            offset = last - float(window.t[0])
-        name = window.recording
-        t = window.t + offset
-        last = float(t[-1])
-        pieces.append((t, window.measured, window.predicted))
-    return pieces
-
-
 def _compared(
     pieces: Pieces,
     *,
@@ -190,7 +178,8 @@ def _compared(
     for joint, upper, lower in panel_pairs(figure, n, PANELS_PER_ROW, (2.4, 1.0)):
         _draw(upper, lower, pieces, joint, labels)
         for t, half in bands:
-            thinned = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
+            # Largest number of points of a prediction band: it varies slowly.
+            thinned = slice(None, None, max(1, len(t) // 300))
             edge = half[thinned, joint]
             lower.fill_between(t[thinned], -edge, edge, color=FAINT, linewidth=0.0, zorder=0.4)
         upper.set_title(f"difference {notes[joint]}", loc="right", color=RESIDUAL, fontweight="normal")
@@ -249,12 +238,15 @@ def residuals(
     windows = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     n = len(kinds)
-    rows, columns = per_row(n, SMALL_PANELS_PER_ROW)
+    # Number of small panels side by side.
+    rows, columns = per_row(n, 3)
     n_rows = sum(len(window.t) for window in windows)
-    n_lags = min(MOST_LAGS, min(len(window.t) for window in windows) - 1)
+    # Largest lag of an autocorrelation (rows).
+    n_lags = min(40, min(len(window.t) for window in windows) - 1)
     figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows), gap_in=0.07)
     outer = figure.add_gridspec(rows, columns)
-    band = CONFIDENCE / np.sqrt(n_rows)
+    # Half width of a normal distribution's 95 % interval, in standard deviations.
+    band = 1.96 / np.sqrt(n_rows)
     handles: list[Any] = []
     for joint in range(n):
         # A single joint has room for both side by side.

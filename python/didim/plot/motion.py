@@ -9,7 +9,6 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import PlotError
 from ..experiment.experiment import Experiment
-from ..log.recording import Recording
 from ..result.identification import Identification
 from ..signal.spectrum import welch
 from ..signal.window import motion_of
@@ -36,10 +35,6 @@ PANELS_PER_ROW = 3
 """Number of panels side by side."""
 FEWEST_SPECTRUM_ROWS = 32
 """Smallest number of rows of a window whose spectrum is drawn."""
-LONGEST_DRAWN_PIECE = 512
-"""Largest number of rows of a piece: the drawn spectrum is the mean over such pieces."""
-FEWEST_PIECES = 4
-"""Smallest number of pieces of the shortest window: the spectrum of a single piece is full of spikes."""
 LOWEST_SHARE = 1e-4
 """Lower end of the axis, as a share of the largest amplitude: below it lie the stop bands of the decimation."""
 
@@ -67,7 +62,16 @@ def motion(experiment: Experiment) -> Figure:
     recordings = [recording for recording in experiment.recordings if recording.has_positions]
     if not recordings:
         raise PlotError(f"experiment '{experiment.name}' has no positions to draw")
-    pieces = _pieces(experiment, recordings)
+    pieces: list[tuple[Array, Array, Array]] = []
+    last = 0.0
+    for recording in recordings:
+        offset = last - start_of(recording)
+        for start, stop in recording.windows:
+            q, dq, _ = motion_of(recording, (start, stop), experiment.signal)
+            t = recording.t[start:stop] + offset
+            used = slice(experiment.signal.trim_start, len(t) - experiment.signal.trim_end)
+            pieces.append((t[used], q[used], dq[used]))
+            last = float(t[-1])
     robot = experiment.robot
     rows, _ = per_row(robot.n_dof, PANELS_PER_ROW)
     figure = new_figure(0.4 + 2.8 * rows, gap_in=0.05)
@@ -94,21 +98,6 @@ def motion(experiment: Experiment) -> Figure:
         for axes in (upper, lower):
             axes.locator_params(axis="y", nbins=4)
     return figure
-
-
-def _pieces(experiment: Experiment, recordings: Sequence[Recording]) -> list[tuple[Array, Array, Array]]:
-    """Return times, filtered positions and speeds of each window."""
-    pieces: list[tuple[Array, Array, Array]] = []
-    last = 0.0
-    for recording in recordings:
-        offset = last - start_of(recording)
-        for start, stop in recording.windows:
-            q, dq, _ = motion_of(recording, (start, stop), experiment.signal)
-            t = recording.t[start:stop] + offset
-            used = slice(experiment.signal.trim_start, len(t) - experiment.signal.trim_end)
-            pieces.append((t[used], q[used], dq[used]))
-            last = float(t[-1])
-    return pieces
 
 
 def _limits(axes: Axes, bounds: tuple[float, float]) -> None:
@@ -195,7 +184,9 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
         Root of the mean power of all windows, weighted by their rows.
     """
     shortest = min(len(window.t) for window in predictions)
-    size = min(LONGEST_DRAWN_PIECE, max(FEWEST_SPECTRUM_ROWS, shortest // FEWEST_PIECES))
+    # Largest number of rows of a piece: the drawn spectrum is the mean over such pieces.
+    # Smallest number of pieces of the shortest window: the spectrum of a single piece is full of spikes.
+    size = min(512, max(FEWEST_SPECTRUM_ROWS, shortest // 4))
     total, weight = np.zeros(()), 0
     for window in predictions:
         rate = 1.0 / float(np.median(np.diff(window.t)))

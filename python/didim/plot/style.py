@@ -34,8 +34,6 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 WIDTH_IN = 11.0
 """Width of a figure (inches)."""
-NOTEBOOK_DPI = 80
-"""Resolution of a figure in a notebook (dots per inch)."""
 MOST_POINTS = 1200
 """Largest number of points of a line; longer ones are drawn by lowest and highest values, which look the same."""
 
@@ -199,7 +197,8 @@ def _shown_figure() -> type[Figure]:
 
         def _repr_png_(self) -> bytes:
             data = io.BytesIO()
-            self.savefig(data, format="png", dpi=NOTEBOOK_DPI)
+            # Resolution of a figure in a notebook (dots per inch).
+            self.savefig(data, format="png", dpi=80)
             return data.getvalue()
 
         def __reduce__(self) -> Any:

@@ -14,8 +14,7 @@ from ..result.table import WELL_IDENTIFIED_PERCENT
 from ..studies.comparison import Comparison, duration, ending, off_rms, sentences
 from ..studies.prediction import predict
 from .fit import aligned_rows, provenance_section, robot_section, well_identified
-from .page import Html, Level, Text, page, paragraph, section, table, verdict
-from .picture import picture
+from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 FAR_OFF = 3.0
 """Distance in standard deviations from which an estimate is marked: of 60 correct ones, one in six lists has such an
@@ -35,7 +34,13 @@ def comparison_page(comparison: Comparison) -> str:
             level,
             f"{title_of(subject.method)}: {badge}",
             " ".join(sentences(comparison)),
-            _tiles(comparison),
+            [
+                (
+                    duration(fit.elapsed),
+                    f"{title_of(method)}: {counted(fit.n_simulations, 'simulation')}",
+                )
+                for method, fit in comparison.fits.items()
+            ],
             (*comparison.notes, *comparison.remarks),
         ),
         _cost_section(comparison),
@@ -51,16 +56,6 @@ def comparison_page(comparison: Comparison) -> str:
         f"{counted(len(fits), 'method')}; {counted(len(subject.names), 'base parameter')}"
     )
     return page(f"{log.name}: methods beside the truth", subtitle, [part for part in sections if part.text])
-
-
-def _tiles(comparison: Comparison) -> list[tuple[str, str]]:
-    return [
-        (
-            duration(fit.elapsed),
-            f"{title_of(method)}: {counted(fit.n_simulations, 'simulation')}",
-        )
-        for method, fit in comparison.fits.items()
-    ]
 
 
 def _cost_section(comparison: Comparison) -> Html:

@@ -7,8 +7,7 @@ import numpy as np
 from ..excitation.design import Excitation
 from ..excitation.problem import FINE
 from ..plot.excitation import motion, swept
-from .page import Html, Level, Text, page, paragraph, section, table, verdict
-from .picture import picture
+from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 
 def excitation_page(design: Excitation) -> str:
@@ -36,10 +35,19 @@ def excitation_page(design: Excitation) -> str:
     ]
     if percent is not None:
         tiles.append((f"{int((percent < 2.0).sum())} of {len(percent)}", "parameters expected below 2 %"))
+    head = ["parameter", "unit", "expected sigma", "random motion", "ratio"] + (
+        [] if percent is None else ["sigma %"]
+    )
+    rows: list[list[Text]] = []
+    for k, (name, std, random) in enumerate(zip(design.names, design.std, design.random_std, strict=True)):
+        row: list[Text] = [name, design.units[k], f"{std:.3g}", f"{random:.3g}", f"{std / random:.2f}"]
+        if percent is not None:
+            row.append(f"{percent[k]:.3g}" if np.isfinite(percent[k]) else "-")
+        rows.append(row)
     sections = [
         verdict(level, badge, sentence, tiles, [*design.weak(), *design.remarks]),
         _motion_section(design),
-        _parameter_section(design),
+        section("Expected standard deviations", table(head, rows, numbers=range(2, len(head)))),
     ]
     subtitle = f"{design.reference.duration:g} s, to be played at {design.settings.rate_hz:g} Hz"
     return page(f"A motion for robot {design.robot.name}", subtitle, sections)
@@ -62,17 +70,3 @@ def _motion_section(design: Excitation) -> Html:
         name, distance = design.nearest
         content.append(paragraph(f"Nearest: {name}, with {1e3 * distance:.1f} mm to spare."))
     return section("The motion", *content)
-
-
-def _parameter_section(design: Excitation) -> Html:
-    percent = design.relative_std_percent
-    head = ["parameter", "unit", "expected sigma", "random motion", "ratio"] + (
-        [] if percent is None else ["sigma %"]
-    )
-    rows: list[list[Text]] = []
-    for k, (name, std, random) in enumerate(zip(design.names, design.std, design.random_std, strict=True)):
-        row: list[Text] = [name, design.units[k], f"{std:.3g}", f"{random:.3g}", f"{std / random:.2f}"]
-        if percent is not None:
-            row.append(f"{percent[k]:.3g}" if np.isfinite(percent[k]) else "-")
-        rows.append(row)
-    return section("Expected standard deviations", table(head, rows, numbers=range(2, len(head))))

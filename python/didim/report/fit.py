@@ -23,8 +23,7 @@ from ..result.table import WELL_IDENTIFIED_PERCENT, aligned, delay_lines
 from ..result.verdict import State
 from ..studies.comparison import duration
 from ..studies.prediction import Prediction, predict, relative_errors
-from .page import Html, Level, Text, beside, code, details, page, paragraph, section, table, verdict
-from .picture import picture
+from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
 
 STRONG_CORRELATION = 0.8
 """Absolute correlation of two estimates from which the report lists the pair."""
@@ -32,8 +31,6 @@ MOST_PAIRS = 10
 """Largest number of correlated pairs in a report."""
 MOST_HISTORY_ROWS = 40
 """Largest number of rows in the table of iterations."""
-LONG_LIST = 24
-"""Number of parameters beyond which their table is split into two, side by side."""
 LEVELS: dict[State, Level] = {State.SOUND: "good", State.DOUBTFUL: "caution", State.WRONG: "bad"}
 """Colour of each verdict."""
 
@@ -118,12 +115,11 @@ def log_tiles(fit: Identification, experiment: Experiment) -> list[tuple[str, st
     """Return rate and filters of the log: value and label."""
     rates = sorted({recording.rate_hz for recording in experiment.recordings})
     shown = [(" and ".join(f"{rate:g} Hz" for rate in rates), "rate of the log")] if len(rates) < 3 else []
-    signal = fit.settings.get("signal")
-    if signal:
-        cutoff = signal.get("cutoff_hz")
-        factor = math.prod(signal.get("decimation") or ())
+    signal = fit.recorded_signal
+    if signal is not None:
+        factor = math.prod(signal.decimation)
         label = "cut-off" if factor == 1 else f"cut-off, 1 row of {factor} samples"
-        shown.append((f"{cutoff:g} Hz" if cutoff else "none", label))
+        shown.append((f"{signal.cutoff_hz:g} Hz" if signal.cutoff_hz else "none", label))
     return shown
 
 
@@ -224,7 +220,8 @@ def parameter_section(
         for column in (4, last)
     }
     # A long list is split into two halves side by side.
-    half = -(-len(full) // 2) if len(full) > LONG_LIST else len(full)
+    # Number of parameters beyond which their table is split into two, side by side.
+    half = -(-len(full) // 2) if len(full) > 24 else len(full)
     listing = beside(
         *(
             table(
@@ -447,8 +444,7 @@ def provenance_section(fit: Identification) -> Html:
         classes = {(row, 1): "digest" for row in range(len(files))}
         content.append(table(["file", "SHA-256"], files, classes=classes))
     if fit.delay:
-        measured = fit.settings.get("prediction", {}).get("motion") == "measured"
-        lines = delay_lines(fit.delay, measured=measured) or ["none applied"]
+        lines = delay_lines(fit.delay, measured=fit.recorded_motion == "measured") or ["none applied"]
         content.append(paragraph("Delay: " + "; ".join(lines) + "."))
     content.append(
         details(

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import re
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from .._tools.version import __version__
+from ..plot.style import svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Level = Literal["good", "caution", "bad"]
 
-DENSE = 10
-"""Number of columns beyond which a table is set smaller, to fit a screen of 1280 pixels."""
 
 STYLE = """\
 :root {
@@ -231,7 +235,8 @@ def table(
     right = set(numbers)
     ends = np.cumsum([span for _, span in groups])
     first = {int(end) for end in ends[:-1]}
-    dense = ' class="dense"' if len(head) > DENSE else ""
+    # Number of columns beyond which a table is set smaller, to fit a screen of 1280 pixels.
+    dense = ' class="dense"' if len(head) > 10 else ""
     lines = [f'<div class="scroll{" cards" if cards else ""}"><table{dense}>', "<thead>"]
     if groups:
         cells = (f'<th class="group" colspan="{span}">{escape(text)}</th>' for text, span in groups)
@@ -273,3 +278,13 @@ def details(summary: str, *content: Html) -> Html:
 def code(text: str) -> Html:
     """Return preformatted text."""
     return Html(f"<pre>{escape(text)}</pre>")
+
+
+def picture(figure: Figure, description: str) -> Html:
+    """Return a figure, embedded; the description is for screen readers."""
+    width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
+    data = base64.b64encode(svg(figure).encode()).decode("ascii")
+    return Html(
+        f'<figure><img class="picture" alt="{escape(description)}" width="{width}" height="{height}" '
+        f'src="data:image/svg+xml;base64,{data}"></figure>'
+    )

@@ -10,8 +10,7 @@ from ..result.identification import Identification
 from ..result.positions.record import PositionRecord
 from ..result.positions.table import limb_tables, milli, shared_rows
 from .fit import LEVELS, provenance_section
-from .page import Html, page, paragraph, section, table, verdict
-from .picture import picture
+from .page import Html, page, paragraph, picture, section, table, verdict
 
 
 def positions_page(fit: Identification, experiment: Experiment, record: PositionRecord) -> str:
@@ -25,6 +24,12 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
         (f"{fit.n_simulations}", "simulations of a limb"),
     ]
     badge = f"{judgement.state.value.capitalize()}. {status}"
+    known = {key: values for key in ("before", "after", "held_out") if (values := record.errors.get(key))}
+    rows = [
+        (experiment.robot.joint_label(joint), *(milli(values[joint]) for values in known.values()))
+        for joint in range(experiment.robot.n_dof)
+    ]
+    shared = shared_rows(record)
     sections = [
         verdict(
             LEVELS[judgement.state],
@@ -33,10 +38,18 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
             tiles,
             [str(reason) for reason in judgement.reasons],
         ),
-        _parameters(record),
+        section(
+            "Parameters",
+            paragraph(
+                f"Values with their 95 % intervals, by leaving out {record.blocks} {record.kind}. A star marks a value at a bound; "
+                "a value in parentheses was held, because this log does not identify it."
+            ),
+            *(_shown(rows) for rows in limb_tables(record)),
+            *([_shown(shared)] if shared else []),
+        ),
         section(
             "Errors of positions",
-            _errors(experiment, record),
+            _shown([("rms error (mrad, mm)", *(key.replace("_", " ") for key in known)), *rows]),
             picture(
                 plot.positions(fit, experiment),
                 "Positions commanded, measured and simulated of each joint, and their errors",
@@ -50,29 +63,6 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
         f"Drives and friction from positions: {count}, links known",
         sections,
     )
-
-
-def _parameters(record: PositionRecord) -> Html:
-    shared = shared_rows(record)
-    return section(
-        "Parameters",
-        paragraph(
-            f"Values with their 95 % intervals, by leaving out {record.blocks} {record.kind}. A star marks a value at a bound; a "
-            "value in parentheses was held, because this log does not identify it."
-        ),
-        *(_shown(rows) for rows in limb_tables(record)),
-        *([_shown(shared)] if shared else []),
-    )
-
-
-def _errors(experiment: Experiment, record: PositionRecord) -> Html:
-    """Return the rms errors, a row a joint."""
-    known = {key: values for key in ("before", "after", "held_out") if (values := record.errors.get(key))}
-    rows = [
-        (experiment.robot.joint_label(joint), *(milli(values[joint]) for values in known.values()))
-        for joint in range(experiment.robot.n_dof)
-    ]
-    return _shown([("rms error (mrad, mm)", *(key.replace("_", " ") for key in known)), *rows])
 
 
 def _shown(rows: list[tuple[str, ...]]) -> Html:

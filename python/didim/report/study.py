@@ -9,11 +9,7 @@ from ..errors import PlotError
 from ..monte_carlo.results import StudyResults
 from ..monte_carlo.text import NOTES, cells
 from ..plot.studies import cost, coverage, errors
-from .page import Html, Level, page, paragraph, section, table, verdict
-from .picture import picture
-
-MOST_SENTENCES = 12
-"""Largest number of failure messages in a report."""
+from .page import Html, Level, page, paragraph, picture, section, table, verdict
 
 
 def study_page(study: StudyResults) -> str:
@@ -34,29 +30,39 @@ def study_page(study: StudyResults) -> str:
         f"{counted(runs, 'run')} on simulated logs whose parameters are known; {failed} of them failed."
     )
     notes = [*study.rows.remarks, *([study.missing()] if study.missing() else [])]
-    sections = [verdict(level, "Study", sentence, tiles, notes), *_pictures(study), _tables(study)]
-    if failed:
-        sections.append(_failures(study))
-    methods = series(study.methods, 80)
-    return page(
-        f"Monte Carlo study: {study.name}",
-        f"{methods} on {counted(len(study.scenarios), 'scenario')}",
-        sections,
-    )
-
-
-def _pictures(study: StudyResults) -> list[Html]:
-    sections = []
+    pictures = []
     for title, draw, text in (
         ("Error over the scenarios", errors, "Median torque error on another motion, with 95 % intervals"),
         ("Calibration", coverage, "Share of the parameters within their 95 % intervals"),
         ("Accuracy over time", cost, "Median torque error on another motion over the time of a run"),
     ):
         try:
-            sections.append(section(title, picture(draw(study), text)))
+            pictures.append(section(title, picture(draw(study), text)))
         except PlotError as reason:  # nothing varies, or no times
-            sections.append(section(title, paragraph(f"Not drawn: {reason}.")))
-    return sections
+            pictures.append(section(title, paragraph(f"Not drawn: {reason}.")))
+    sections = [verdict(level, "Study", sentence, tiles, notes), *pictures, _tables(study)]
+    if failed:
+        # Sentences of failed runs, the commonest first.
+        count = Counter(
+            (row["method"], row["sentence"]) for row in study.rows.fits.values() if "beta" not in row
+        )
+        rows = [
+            [method, str(number), sentence]
+            # Largest number of failure messages in a report.
+            for (method, sentence), number in count.most_common(12)
+        ]
+        classes = {(k, 2): "wide" for k in range(len(rows))}
+        sections.append(
+            section(
+                "Failed runs", table(["method", "runs", "what happened"], rows, numbers=[1], classes=classes)
+            )
+        )
+    methods = series(study.methods, 80)
+    return page(
+        f"Monte Carlo study: {study.name}",
+        f"{methods} on {counted(len(study.scenarios), 'scenario')}",
+        sections,
+    )
 
 
 def _tables(study: StudyResults) -> Html:
@@ -72,15 +78,3 @@ def _tables(study: StudyResults) -> Html:
         right = range(1, len(study.head))
         content += [paragraph(scenario), table(study.head, rows, numbers=right, cards=True)]
     return section("Figures of merit", *content, *(paragraph(text) for text in NOTES))
-
-
-def _failures(study: StudyResults) -> Html:
-    """Sentences of failed runs, the commonest first."""
-    count = Counter((row["method"], row["sentence"]) for row in study.rows.fits.values() if "beta" not in row)
-    rows = [
-        [method, str(number), sentence] for (method, sentence), number in count.most_common(MOST_SENTENCES)
-    ]
-    classes = {(k, 2): "wide" for k in range(len(rows))}
-    return section(
-        "Failed runs", table(["method", "runs", "what happened"], rows, numbers=[1], classes=classes)
-    )

@@ -15,8 +15,7 @@ from ..plot.style import percent
 from ..studies.prediction import predict, simulate_window
 from ..studies.validation import RecordingValidation, Validation
 from .fit import provenance_section, robot_section
-from .page import Html, Level, Text, page, paragraph, section, table, verdict
-from .picture import picture
+from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 
 def validation_page(validation: Validation, experiment: Experiment) -> str:
