@@ -76,15 +76,6 @@ def distance_findings(half_distance: float, n_parameters: int) -> list[Finding]:
     return [Finding(code="no-robot", grade="doubtful", value=half_distance, facts={"text": sentence})]
 
 
-def _simulable(uses: Sequence[Use]) -> tuple[Use, ...]:
-    """Return the uses of a result with physical parameters: simulation has the grade of the torque prediction."""
-    control = next((use for use in uses if use.name == "control" and use.fit_for), None)
-    return tuple(
-        replace(control, name=use.name) if use.name == "simulation" and control is not None else use
-        for use in uses
-    )
-
-
 def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
     """Return the record for a result's JSON."""
     return {
@@ -180,6 +171,8 @@ class MovedToRobot:
         """
         settings = Nearness(prior=prior, gamma=gamma, bounds=bounds, draws=draws, seed=seed)
         known, model, nearest = self._nearest(settings, robot)
+        # With physical parameters, simulation has the grade of the torque prediction.
+        control = next((use for use in self.uses if use.name == "control" and use.fit_for), None)
         moved: Self = replace(
             self,  # type: ignore[type-var]
             beta=known.base_parameters.project(nearest.x),
@@ -190,7 +183,10 @@ class MovedToRobot:
                 *(reason for reason in self.evidence if reason.code != "not-physical"),
                 *distance_findings(nearest.half_distance, len(model.unknowns.estimated)),
             ),
-            uses=_simulable(self.uses),
+            uses=tuple(
+                replace(control, name=use.name) if use.name == "simulation" and control is not None else use
+                for use in self.uses
+            ),
             remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(model.unknowns.estimated))),
             uncertainty=None if self.uncertainty is None else self.uncertainty.of_draws(),
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, quotient, relative_percent
+from .._tools.notebook import page, pandas
 from .._tools.pickling import Pickled, make_read_only
 from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, save_json
 from .._tools.words import counted, percent_text
@@ -22,12 +23,12 @@ from ..errors import FitError
 from ..regression.friction.alarm import FrictionAtSpeeds, Sliding
 from ..robot.parameter_file import write_parameters
 from ..robot.parameters import friction_names
+from ..signal.processing import SignalProcessing
 from ..terms.unknown import Role
 from .consistent import recorded_robot, table_of
 from .finding import Finding
 from .further import Further
 from .iteration import HeldOut, Iteration, Status
-from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
 from .samples import Sampled
@@ -58,7 +59,7 @@ TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "v
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(InNotebook, Sampled, Pickled):
+class Identification(Sampled, Pickled):
     """Identified parameters of a robot, their uncertainty and the errors on the log.
 
     All values are in SI units on the joint side. Tested in ``tests/test_identification.py``.
@@ -348,10 +349,21 @@ class Identification(InNotebook, Sampled, Pickled):
             return "\n".join([*position_lines(record, self.name, self.robot), *self.lines_after_tables()])
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
-        lines += parameter_lines(self.parameter_rows(), limb_headings(self._robot_record))
+        lines += parameter_lines(self.parameter_rows(), limb_headings(self.robot_record))
         lines += [] if self.further is None else self.further.lines(self.interval_factor())
         lines += ["", *table_lines(self.error_rows())]
         return "\n".join([*lines, *self.lines_after_tables()])
+
+    @property
+    def recorded_motion(self) -> str | None:
+        """The motion along which the method predicts, "measured" or "simulated"; None for results of version 0.1.0."""
+        return cast("str | None", self.settings.get("prediction", {}).get("motion"))
+
+    @property
+    def recorded_signal(self) -> SignalProcessing | None:
+        """The filters of the run; None where they are not recorded."""
+        saved = self.settings.get("signal")
+        return None if saved is None else SignalProcessing(**saved)
 
     def lines_after_tables(self) -> list[str]:
         """Return the lines of the printed result after its tables."""
@@ -367,8 +379,7 @@ class Identification(InNotebook, Sampled, Pickled):
             f"standard deviation of the error {self.error_std:.5g}, {self.n_rows} rows"
         )
         lines += [] if self.uncertainty is None else self.uncertainty.lines(self.std)
-        measured = self.settings.get("prediction", {}).get("motion") == "measured"
-        lines += delay_lines(self.delay, measured=measured)
+        lines += delay_lines(self.delay, measured=self.recorded_motion == "measured")
         if self.output_error is not None:
             before, after = (percent_text(100.0 * error) for error in self.output_error)
             lines.append(
@@ -378,6 +389,31 @@ class Identification(InNotebook, Sampled, Pickled):
         if "consistent" in self.settings:
             lines += ["", *table_of(self.settings["consistent"])]
         return [*lines, *ending]
+
+    def _repr_html_(self) -> str:
+        title = str(self).partition("\n")[0]
+        after = "\n".join(self.lines_after_tables())
+        return page(title, self.parameter_rows(), self.error_rows(), after.strip("\n"))
+
+    def to_dataframe(self) -> Any:
+        """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.
+
+        Base parameters come first, then those of the logs: payloads, own offsets and friction of recordings, drive gains.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``unit``, ``value``, ``std``, ``relative_std_percent``, ``low``, ``high``, ``std_white`` and ``role``, as in the
+            JSON of a result (SI units, joint side), and ``group``: "robot", "payload", "offset", "friction" or "gain".
+
+        Raises
+        ------
+        DidimError
+            Without pandas (``tests/test_notebook.py``).
+        """
+        return (
+            pandas().DataFrame(self.value_rows()).rename(columns={"name": "parameter"}).set_index("parameter")
+        )
 
     def __repr__(self) -> str:
         return (

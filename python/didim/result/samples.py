@@ -116,10 +116,11 @@ class Sampled(MovedToRobot):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the robot's joints; empty where its file has none."""
-        return tuple(self._robot_record.get("joint_names", ()))
+        return tuple(self.robot_record.get("joint_names", ()))
 
     @property
-    def _robot_record(self) -> Mapping[str, Any]:
+    def robot_record(self) -> Mapping[str, Any]:
+        """The robot as the result has it, names of joints, geometry and friction; empty where it is not recorded."""
         return cast(Mapping[str, Any], self.settings.get("robot", {}))
 
     def samples(

@@ -22,9 +22,6 @@ Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 correlation of a closed-loop output-error method's errors, or draws of the estimate with its standard deviations, each projected
 to the nearest robot."""
 
-CLEAR_POSITIONS = 1.0
-"""Shift by noise and steps of the positions, in standard deviations without it, from which a printed result mentions it: these
-are no longer the larger error."""
 
 LAWS = {
     "stribeck": "Stribeck friction",
@@ -181,7 +178,9 @@ class Uncertainty(Pickled):
     def _position_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.positions)]
         moved = quotient(np.abs(self.positions[: len(noise)]), noise)
-        if moved.max(initial=0.0) < CLEAR_POSITIONS:
+        # Shift by noise and steps of the positions, in standard deviations without it, from which a printed result mentions it:
+        # these are no longer the larger error.
+        if moved.max(initial=0.0) < 1.0:
             return []
         included = "sigma includes this" if self.kind == "jackknife" else "sigma does not include this"
         return [

@@ -248,10 +248,6 @@ def off_explained(comparison: Comparison) -> str:
     )
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:9.3f}" if np.isfinite(share) else f"{'-':>9}"
-
-
 def _off(value: float) -> str:
     return "-" if not np.isfinite(value) else f"{value:.1f}"
 
@@ -265,7 +261,10 @@ def _joint_errors(comparison: Comparison) -> list[str]:
     lines = [f"{title:{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
     for name, label in named.items():
         errors = comparison.torque_errors.get(name, np.full(n, np.nan))
-        lines.append(f"{label:{width}}" + "".join(_percent(error) for error in errors))
+        lines.append(
+            f"{label:{width}}"
+            + "".join((f"{100.0 * error:9.3f}" if np.isfinite(error) else f"{'-':>9}") for error in errors)
+        )
     return lines
 
 

@@ -23,8 +23,6 @@ from .prediction import fitted_experiment
 
 SPEEDS = 401
 """Number of speeds of a curve, from the largest negative to the largest positive one."""
-LOADS = (5.0, 50.0, 95.0)
-"""Percentiles of the torque of links and rotors: light, median and heavy load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +109,8 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
         grid = np.linspace(-fastest, fastest, SPEEDS)
         torque, share = _alone(robot, joint, grid, friction_only)
         size = np.abs(load[:, joint])
-        light, median, heavy = np.percentile(size, LOADS)
+        # Percentiles of the torque of links and rotors: light, median and heavy load.
+        light, median, heavy = np.percentile(size, (5.0, 50.0, 95.0))
         curves.append(
             FrictionCurve(
                 speed=grid,

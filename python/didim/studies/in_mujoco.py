@@ -37,8 +37,6 @@ from .mujoco_model import integrator_of, load_model, places_of
 
 Stretches = dict[tuple[int, int], list[int]]
 """Joints that are compared, by begin and end of a stretch."""
-MOST_STEP_S = 0.02
-"""Longest time step (s) of a replay: servos oscillate within some hundredths of a second."""
 
 SHORT_STEP_S = 1e-4
 """Step (s) at which what MuJoCo's own steps change is below the noise of most encoders."""
@@ -265,12 +263,18 @@ def _errors(
     """Root mean square error of each joint over all rollouts, and the step; `corrected` without the effects of the file's steps."""
     model = load_model(path)
     if corrected:
-        step_s = _shorten(model, path.name, drives)
+        step_s = SHORT_STEP_S
+        if None not in places_of(model, drives, path.name)[2]:  # all torques are those of actuators
+            import mujoco
+
+            model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+            step_s = STAGES * SHORT_STEP_S
     wanted = float(model.opt.timestep) if step_s is None else step_s
     squares, count = np.zeros(len(drives.joints)), np.zeros(len(drives.joints))
     for logged in recordings:
         recording = logged.recording
-        steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
+        # Longest time step (s) of a replay: servos oscillate within some hundredths of a second.
+        steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, 0.02)) - 1e-6))
         model.opt.timestep = 1.0 / (recording.rate_hz * steps)
         own, drawn = _loaded(model, path.name, drives, logged)
         delayed = (_corrected if corrected else _stepped)(own, path.name, drawn)
@@ -368,16 +372,6 @@ def _stepped(model: Any, name: str, drives: Drives) -> Drives:
     armature = np.array(model.dof_armature)[speeds]
     far = [np.abs(armature - [drive.rotor for drive in one.joints]).sum() for one in (corrected, early)]
     return corrected if far[0] < far[1] else early
-
-
-def _shorten(model: Any, name: str, drives: Drives) -> float:
-    """Return the short step of a model, by Runge-Kutta if all torques are those of actuators."""
-    import mujoco
-
-    if None in places_of(model, drives, name)[2]:
-        return SHORT_STEP_S
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    return STAGES * SHORT_STEP_S
 
 
 def _corrected(model: Any, name: str, drives: Drives) -> Drives:

@@ -30,8 +30,6 @@ OF_SIMULATION = ("coulomb", "smoothing", "dead_zone")
 """Keys of friction that a result of simulated motion has for its simulation, not for measured motion."""
 OF_RATE = ("trim_start", "trim_end", "decimation")
 """Keys of filters in samples, which belong to the rate of a log."""
-SAME_RATE = 0.01
-"""Largest difference of two rates, as a share, at which samples are as long: clocks differ by less."""
 
 
 def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> list[Array]:
@@ -150,12 +148,12 @@ def as_fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, 
 
 def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
     """Return the experiment with the friction of a result, which may have been chosen by the identification."""
-    saved = fit.settings.get("robot", {}).get("friction")
+    saved = fit.robot_record.get("friction")
     own = experiment.robot.friction
     if saved is None:
         return replace(experiment, robot=experiment.robot.with_terms(())) if own.open else experiment
     friction = replace(restored(Friction, saved), auto=False)
-    if fit.settings.get("prediction", {}).get("motion", "measured") != "measured":
+    if fit.recorded_motion not in (None, "measured"):
         friction = replace(friction, **{key: getattr(own, key) for key in OF_SIMULATION})
     if friction == own:
         return experiment
@@ -172,13 +170,13 @@ def _settings(friction: Friction) -> dict[str, Any]:
 
 def _signal(fit: Identification, experiment: Experiment) -> SignalProcessing:
     """Return the filters of a result for a log."""
-    saved, own = fit.settings.get("signal"), experiment.signal
-    if saved is None or not experiment.recordings:
+    signal, own = fit.recorded_signal, experiment.signal
+    if signal is None or not experiment.recordings:
         return own
-    signal = SignalProcessing(**saved)
     rates = [recording.rate_hz for recording in experiment.recordings]
     fitted = [each["rate_hz"] for each in fit.settings.get("recordings", ()) if each.get("rate_hz")]
-    if not fitted or any(abs(rate / fitted[0] - 1.0) > SAME_RATE for rate in rates):
+    # Largest difference of two rates, as a share, at which samples are as long: clocks differ by less.
+    if not fitted or any(abs(rate / fitted[0] - 1.0) > 0.01 for rate in rates):
         signal = replace(signal, **{key: getattr(own, key) for key in OF_RATE})
     if signal.cutoff_hz is not None and signal.cutoff_hz >= 0.5 * min(rates):
         signal = replace(signal, cutoff_hz=own.cutoff_hz)

@@ -198,12 +198,15 @@ def predict(
         signal = replace(experiment.signal, decimation=()) if raw else experiment.signal
         beta = model.base_parameters.project(loaded[number])
         for part, window in zip(parts, recording.windows, strict=True):
+            samples = np.arange(part.kept.start, part.kept.stop)
+            for _, _, _, factor, first in decimation_stages(len(samples), signal):
+                samples = samples[first::factor]
             predictions.append(
                 Prediction(
                     recording=recording.name,
                     role=recording.role,
                     motion=motion,
-                    t=_times(recording, window, signal, part.kept),
+                    t=cast(Array, recording.t[window[0] + samples[signal.kept_rows]]),
                     noise_correlation=noise_correlation(signal),
                     **_torques(fit, model, part, signal, beta),
                 )
@@ -252,9 +255,7 @@ def motion_of(fit: Identification) -> tuple[Motion, bool]:
 
 def fitted_experiment(fit: Identification, experiment: Experiment) -> tuple[Experiment, Delay]:
     """Return the experiment with the filters of a fit, and its delay."""
-    settings = fit.settings.get("signal")
-    signal = experiment.signal if settings is None else SignalProcessing(**settings)
-    return replace(experiment, signal=signal), Delay.recorded(fit.delay)
+    return replace(experiment, signal=fit.recorded_signal or experiment.signal), Delay.recorded(fit.delay)
 
 
 def _simulated(
@@ -297,14 +298,6 @@ def _spread(fit: Identification, system: LinearSystem, beta: Array, n_dof: int) 
     of_parameters = np.einsum("ra,ab,rb->r", w, covariance, w, optimize=True)
     variance = np.maximum(of_parameters.reshape(n_dof, -1).T, 0.0) + uncertainty.joint_std**2
     return {"std": np.sqrt(variance), "degrees_of_freedom": uncertainty.degrees_of_freedom}
-
-
-def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, kept: slice) -> Array:
-    """Return the time stamps of the rows of the samples that are kept of a window."""
-    samples = np.arange(kept.start, kept.stop)
-    for _, _, _, factor, first in decimation_stages(len(samples), signal):
-        samples = samples[first::factor]
-    return cast(Array, recording.t[window[0] + samples[signal.kept_rows]])
 
 
 def autocorrelation(parts: Sequence[Array], n_lags: int) -> Array:

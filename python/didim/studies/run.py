@@ -95,14 +95,13 @@ class SimulationReport(Printed):
             columns[f"{name} error"] = [f"{100.0 * value:.4g} %" for value in values]
         head = ["joint", *columns]
         rows = [
-            [f"{joint + 1} ({_unit(robot, joint)})", *(column[joint] for column in columns.values())]
-            for joint in range(robot.n_dof)
+            [
+                f"{joint + 1} ({'rad, N.m' if kind == 'revolute' else 'm, N'})",
+                *(column[joint] for column in columns.values()),
+            ]
+            for joint, kind in enumerate(robot.joint_kinds)
         ]
         return "\n".join([*lines, *columned([head, *rows], left=0)])
-
-
-def _unit(robot: Robot, joint: int) -> str:
-    return "rad, N.m" if robot.joint_kinds[joint] == "revolute" else "m, N"
 
 
 def simulate_experiment(

@@ -20,8 +20,6 @@ PACKAGED = Path(__file__).parents[1] / "packaged" / "experiments"
 """Folder of the included experiments, by robot."""
 
 
-MOST_PILOTS = 6
-"""Upper bound of a log's simulation runs: each refines the steps where the velocities of the previous run were near zero."""
 LOG_REFINEMENT = 4
 """Ratio of the identification's time steps to those with which the log is simulated."""
 
@@ -87,7 +85,8 @@ def simulated_log(
 
     loop = closed_loop(experiment)
     recording: Recording | None = None
-    for _ in range(MOST_PILOTS):
+    # Upper bound of a log's simulation runs: each refines the steps where the velocities of the previous run were near zero.
+    for _ in range(6):
         arrays, outcomes = loop.divided(refinement).run(x[None])
         if not outcomes[0].completed:
             raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")

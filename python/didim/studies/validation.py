@@ -145,7 +145,7 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
     known = {digest for key, digest in fit.digests.items() if key.startswith("robot ")}
     if robot.digest in known:
         return
-    recorded = fit.settings.get("robot", {}).get("geometry")
+    recorded = fit.robot_record.get("geometry")
     if recorded is None:
         if known and robot.digest:
             raise FitError(

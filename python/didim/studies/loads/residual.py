@@ -34,7 +34,6 @@ from ...result.table import table_lines
 from ...result.uncertainty import student_factor
 from ...result.verdict import Verdict
 from ...robot.payload import NOTHING, Payload, ends, payload_columns
-from ...robot.robot import Robot
 from ...signal.noise import stamp_noise
 from ...signal.spikes import without_spikes
 from ...signal.window import align, windows_of
@@ -49,10 +48,6 @@ from .payload import UNNAMED, payload_in
 
 CONTACT_THRESHOLD = 6.0
 """External torque, in standard deviations, from which the observer reports a contact."""
-SETTLING = 5.0
-"""Time after the start of a window that is ignored, in time constants of the observer."""
-NORMAL = 1.4826
-"""Ratio of standard deviation to median absolute deviation of normal noise."""
 SLOW = 0.02
 """Speed, as a share of the joint's largest in the window, below which the sign of its friction is unknown."""
 
@@ -342,19 +337,24 @@ def _window(
     observer = observe(experiment.robot, x, q, tau, rate, bandwidth_hz=bandwidth_hz)
     observed = observer.torque
     when = times[:, 0]
-    settling_s = SETTLING / (2.0 * np.pi * bandwidth_hz)
+    # Time after the start of a window that is ignored, in time constants of the observer.
+    settling_s = 5.0 / (2.0 * np.pi * bandwidth_hz)
     settled = when - when[0] > settling_s
     if not settled.any():
         raise ExperimentError(
             f"recording '{recording.name}': an observer of {bandwidth_hz:g} Hz settles in {settling_s:.2g} s, and the recording "
             f"has {when[-1] - when[0]:.2g} s"
         )
-    own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
+    # Ratio of standard deviation to median absolute deviation of normal noise.
+    own = 1.4826 * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
     predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
     # Errors of the time stamps are proportional to the momentum: they are largest at high speed.
     late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(observer.momentum)
     limits = threshold * np.hypot(np.maximum(predicted, own), late)
-    limits += _reversals(experiment.robot, x, q, rate, bandwidth_hz)
+    # The sign of a slow joint's Coulomb friction is unknown, so the observer reports it as an external torque.
+    speed = np.abs(np.gradient(q, axis=0)) * rate
+    slow = speed < SLOW * speed.max(axis=0)
+    limits += low_pass(slow * 2.0 * largest_coulomb(experiment.robot, x), rate, bandwidth_hz)
     seen = np.where(settled[:, None], observed, 0.0)
     change = _payload_change(fit, experiment, recording, window, x)
     if change is not None:
@@ -375,16 +375,6 @@ def _window(
         contacts=tuple(pushes),
         payload_change=change,
     )
-
-
-def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: float) -> Array:
-    """Return the observer's error for friction that changes its sign early or late, (n_samples, n_dof).
-
-    The sign of a slow joint's Coulomb friction is unknown, so the observer reports it as an external torque.
-    """
-    speed = np.abs(np.gradient(q, axis=0)) * rate_hz
-    slow = speed < SLOW * speed.max(axis=0)
-    return low_pass(slow * 2.0 * largest_coulomb(robot, x), rate_hz, bandwidth_hz)
 
 
 def _payload_change(
