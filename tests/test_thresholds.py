@@ -19,10 +19,9 @@ import didim.methods.builder as builder
 import didim.regression.friction.alarm as flips
 from didim.diagnosis.bandwidth import check_bandwidth
 from didim.diagnosis.channels import Channel, _clipped, _coarse, _jumps, _stuck
-from didim.diagnosis.check import FEWEST_SPIKES, _causes
+from didim.diagnosis.check import FEWEST_SPIKES, _causes, time_findings
 from didim.diagnosis.limits import check_limits
 from didim.diagnosis.reference import _joint, _quiet, _recording
-from didim.diagnosis.sampled import time_findings
 from didim.evidence.causes import Search, Tried, confirmed, torn, tried
 from didim.evidence.gain_check import gain_information, unchecked
 from didim.evidence.hypotheses.geometry import gravities, with_geometry

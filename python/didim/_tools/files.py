@@ -42,7 +42,13 @@ def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = 
     _require_end(path)
     try:
         if path.exists() and not path.is_file():
-            _write_to_pipe(path, data)
+            # A pipe without a reader is an error (ENXIO) instead of a wait without end.
+            impatient = getattr(os, "O_NONBLOCK", 0)  # Windows has none
+            handle = os.open(path, os.O_WRONLY | impatient)
+            with os.fdopen(handle, "wb") as file:
+                if impatient:
+                    os.set_blocking(handle, True)
+                file.write(data)
             return
         target = Path(os.path.realpath(path))
         _require_folder(path, target)
@@ -149,16 +155,6 @@ def _require_folder(path: Path, target: Path) -> None:
         raise FileNotFoundError(f"cannot write '{path}': there is no folder '{target.parent}'")
 
 
-def _write_to_pipe(path: Path, data: bytes) -> None:
-    """Write to a pipe or a terminal; a pipe without a reader is an error (ENXIO) instead of a wait without end."""
-    impatient = getattr(os, "O_NONBLOCK", 0)  # Windows has none
-    handle = os.open(path, os.O_WRONLY | impatient)
-    with os.fdopen(handle, "wb") as file:
-        if impatient:
-            os.set_blocking(handle, True)
-        file.write(data)
-
-
 def _write_beside(target: Path, data: bytes) -> None:
     """Write to a temporary file in the same folder, which then replaces `target`; a loss of power keeps one or the other."""
     try:
@@ -174,19 +170,15 @@ def _write_beside(target: Path, data: bytes) -> None:
             os.fsync(handle)
         temporary.chmod(mode)
         temporary.replace(target)
-        _sync_folder(target.parent)
+        # Some systems cannot open a folder, and sync the names in it by themselves.
+        with contextlib.suppress(OSError):
+            handle = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Write the names in a folder to the disk; some systems cannot open a folder, and sync it by themselves."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 @cache

@@ -120,13 +120,9 @@ def _rows(content: Mapping[str, Any], path: str) -> dict[str, Key]:
                 file, _, line = other.rpartition(":")
                 rows |= declared(file, line).rows if file else _rows(content, line)
         else:
-            first, *others = _expanded(name)
+            # As a shell does: ``a_{m,mm}`` stands for ``a_m`` and ``a_mm``.
+            head, *rest = re.split(r"[{}]", name)
+            first, *others = [f"{head}{unit}{rest[1]}" for unit in rest[0].split(",")] if rest else [name]
             rows[first] = Key(name=first, **row)
             rows |= {other: replace(rows[first], name=other, example=None) for other in others}
     return rows
-
-
-def _expanded(name: str) -> list[str]:
-    """Return the keys of a name with braces, as a shell does: ``a_{m,mm}`` stands for ``a_m`` and ``a_mm``."""
-    head, *rest = re.split(r"[{}]", name)
-    return [f"{head}{unit}{rest[1]}" for unit in rest[0].split(",")] if rest else [name]

@@ -64,13 +64,9 @@ def core_threads(asked: int | None = None) -> int | None:
     if text is not None:
         number = int(text) if text.strip().isascii() and text.strip().isdigit() and len(text) < 9 else text
         return whole(VARIABLE, number, ThreadsError, least=1, most=MOST_THREADS)
-    return 1 if _is_worker() else None
-
-
-def _is_worker() -> bool:
-    """Whether this is a process of `multiprocessing`, whose neighbours have the other cores."""
+    # The neighbours of a process of `multiprocessing` have the other cores.
     processes = sys.modules.get("multiprocessing.process")
-    return processes is not None and processes.parent_process() is not None
+    return None if processes is None or processes.parent_process() is None else 1
 
 
 if VARIABLE in os.environ and "numpy" not in sys.modules:

@@ -31,8 +31,10 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
         losses = [_loss(recording, joint, cutoff) for joint in range(recording.q.shape[1])]
         worst = int(np.argmax(losses))
         if losses[worst] > LARGEST_LOSS:
-            # The loss goes with the square of the period.
-            wanted = _round_up(rate * np.sqrt(losses[worst] / (0.1 * LARGEST_LOSS)))
+            # The loss goes with the square of the period; the rate is the next of 1, 2, 5, 10, ...
+            rate_hz = rate * np.sqrt(losses[worst] / (0.1 * LARGEST_LOSS))
+            decade = 10.0 ** np.floor(np.log10(rate_hz))
+            wanted = float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= rate_hz))
             joints: tuple[int, ...] = (worst + 1,)
             reason = f"motion: central differences lose {100.0 * losses[worst]:.2g} % of the acceleration of joint {worst + 1}"
             advice = f"Record at {wanted:.6g} Hz or more, or move less fast"
@@ -53,12 +55,6 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
             )
         )
     return findings
-
-
-def _round_up(rate_hz: float) -> float:
-    """Next of 1, 2, 5, 10, ..."""
-    decade = 10.0 ** np.floor(np.log10(rate_hz))
-    return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= rate_hz))
 
 
 def _loss(recording: Recording, joint: int, cutoff_hz: float | None) -> float:

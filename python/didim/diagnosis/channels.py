@@ -6,7 +6,7 @@ Tested in ``tests/test_check.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,13 +27,6 @@ times."""
 BREAK = 10.0
 """Second difference of a jump, as a multiple of the usual one (exceeded by 1 of 100 samples): a smooth motion with noise
 reaches 4 to 5."""
-CLIPPED_SAMPLES = 8
-"""Smallest number of samples at the extreme value of a clipped channel."""
-CLIPPED_RATIO = 3.0
-"""Smallest ratio of the samples at the extreme value to those at the next one; a quantised parabola has 1 / (sqrt(2) - 1) =
-2.4."""
-FEWEST_LEVELS = 100
-"""Smallest number of values over a channel's range: with fewer, a step exceeds 1 % of it, about the accuracy of torques."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +108,42 @@ def check_channels(recording: Recording) -> list[Finding]:
         else:
             findings += [] if is_constant(channel.values) else _clipped(channel)
         findings += _coarse(channel)
-    return [*_reported_jumps(recording, jumps), *findings]
+    # Samples are missing where several channels jump at once; one alone has a glitch.
+    starts = {start for start, _ in recording.windows}
+    by_sample: dict[int, list[Channel]] = {}
+    for channel, sample in jumps:
+        if any(abs(sample - start) <= 2 for start in starts):
+            continue  # a gap in the time stamps, reported already
+        near = next((key for key in by_sample if abs(key - sample) <= 2), sample)
+        by_sample.setdefault(near, []).append(channel)
+    reported = []
+    for sample, at in sorted(by_sample.items()):
+        time = sample / recording.rate_hz
+        if len(at) > 1:
+            joints = tuple(channel.number for channel in at)
+            jumping = joints_text(joint - 1 for joint in joints).replace("joint", at[0].side)
+            reported.append(
+                worded(
+                    kind="gap",
+                    sentence=f"the positions of {jumping} jump together behind sample "
+                    f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
+                    advice="Recover the lost samples, or use the stretches before and after as two windows with windows_s",
+                    recording=recording.name,
+                    file=at[0].file,
+                    joints=joints,
+                    sample=sample,
+                )
+            )
+        else:
+            reported.append(
+                at[0].finding(
+                    kind="jump",
+                    sentence=f"{at[0]} jumps behind sample {sample} ({time:.6g} s), the others do not",
+                    advice="Look at encoder and logger; leave these samples out with windows_s",
+                    sample=sample,
+                )
+            )
+    return [*reported, *findings]
 
 
 def _same(values: Array) -> NDArray[np.bool_]:
@@ -170,45 +198,6 @@ def _jumps(channel: Channel) -> list[int]:
     return [int(row) + 1 for row in places[first]]
 
 
-def _reported_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> list[Finding]:
-    """Tell samples that are missing, where several channels jump at once, from the glitch of one of them."""
-    starts = {start for start, _ in recording.windows}
-    by_sample: dict[int, list[Channel]] = {}
-    for channel, sample in jumps:
-        if any(abs(sample - start) <= 2 for start in starts):
-            continue  # a gap in the time stamps, reported already
-        near = next((key for key in by_sample if abs(key - sample) <= 2), sample)
-        by_sample.setdefault(near, []).append(channel)
-    reported = []
-    for sample, at in sorted(by_sample.items()):
-        time = sample / recording.rate_hz
-        if len(at) > 1:
-            joints = tuple(channel.number for channel in at)
-            jumping = joints_text(joint - 1 for joint in joints).replace("joint", at[0].side)
-            reported.append(
-                worded(
-                    kind="gap",
-                    sentence=f"the positions of {jumping} jump together behind sample "
-                    f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
-                    advice="Recover the lost samples, or use the stretches before and after as two windows with windows_s",
-                    recording=recording.name,
-                    file=at[0].file,
-                    joints=joints,
-                    sample=sample,
-                )
-            )
-        else:
-            reported.append(
-                at[0].finding(
-                    kind="jump",
-                    sentence=f"{at[0]} jumps behind sample {sample} ({time:.6g} s), the others do not",
-                    advice="Look at encoder and logger; leave these samples out with windows_s",
-                    sample=sample,
-                )
-            )
-    return reported
-
-
 def _clipped(channel: Channel) -> list[Finding]:
     """Find torques that stay at an extreme value."""
     findings = []
@@ -219,10 +208,13 @@ def _clipped(channel: Channel) -> list[Finding]:
         at_top = sign * values >= top - room
         rest = (sign * values)[~at_top]
         count = int(at_top.sum())
-        if count < CLIPPED_SAMPLES or not rest.size:
+        # Smallest number of samples at the extreme value of a clipped channel.
+        if count < 8 or not rest.size:
             continue
         below = int(np.sum(rest >= rest.max() - room))
-        if count > CLIPPED_RATIO * below:
+        # Smallest ratio of the samples at the extreme value to those at the next one; a quantised parabola has 1 / (sqrt(2) -
+        # 1) = 2.4.
+        if count > 3.0 * below:
             findings.append((sign * top, count, int(np.argmax(at_top))))
     if not findings:
         return []
@@ -244,7 +236,8 @@ def _clipped(channel: Channel) -> list[Finding]:
 def _coarse(channel: Channel) -> list[Finding]:
     """Find a channel of few values."""
     levels = len(np.unique((channel.values / (np.abs(channel.values).max() or 1.0)).round(12)))
-    if levels >= FEWEST_LEVELS or levels == 1:
+    # Smallest number of values over a channel's range: with fewer, a step exceeds 1 % of it, about the accuracy of torques.
+    if levels >= 100 or levels == 1:
         return []
     moved = np.mean(~_same(channel.values))
     # A channel that hardly ever changes is at rest, not coarse.

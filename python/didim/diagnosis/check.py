@@ -49,13 +49,9 @@ from .excitation import check_excitation
 from .finding import Findings
 from .limits import check_limits, check_torque_unit
 from .reference import check_reference
-from .sampled import time_findings
 
 FEWEST_SPIKES = 3
 """Smallest number of a joint's spikes that is reported; a single sample changes no estimate."""
-KNOWN_LEFT = 0.7
-"""Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of the
-parameters themselves (load, friction, temperature) are not a wrong declaration."""
 SHOWN = 100.0
 """Largest gain over the declared one, and error over the torque, that the table of the controller shows."""
 MOST_ROUNDS = 3
@@ -213,26 +209,6 @@ def _standard(experiment: Experiment, parameters: str | Path | Identification | 
     return x
 
 
-def _unfiltered(error: DidimError) -> list[Finding]:
-    """Return the finding of a log that the filters refuse."""
-    return [
-        worded(
-            kind="signal",
-            sentence=f"the log cannot be filtered as [signal] says: {error}",
-            advice="Choose filters that suit rate and length of the log",
-        )
-    ]
-
-
-def _check_squares(parts: Sequence[Window]) -> None:
-    """Refuse torques whose squares leave floating point, before anything is made of them."""
-    tau = np.concatenate([part.tau for part in parts])
-    with np.errstate(over="ignore"):
-        sizes = np.linalg.norm(tau, axis=0)
-    for joint, size in enumerate(sizes):
-        check_squares(joint, size, size, measured=tau[:, joint])
-
-
 def _model(
     experiment: Experiment, known: Array | None, shown: Recovered | None, notes: list[str]
 ) -> list[Finding]:
@@ -256,8 +232,19 @@ def _model(
     try:
         parts = job.parts("fit", job.declared_delay)
     except (SignalError, FitError) as error:
-        return _unfiltered(error)
-    _check_squares(parts)
+        return [
+            worded(
+                kind="signal",
+                sentence=f"the log cannot be filtered as [signal] says: {error}",
+                advice="Choose filters that suit rate and length of the log",
+            )
+        ]
+    # Squares that leave floating point are refused before anything is made of them.
+    tau = np.concatenate([part.tau for part in parts])
+    with np.errstate(over="ignore"):
+        sizes = np.linalg.norm(tau, axis=0)
+    for joint, size in enumerate(sizes):
+        check_squares(joint, size, size, measured=tau[:, joint])
     try:
         rows = LogRows(robot, job.signal, parts, of_fit, logs=job.model)
     except (SignalError, FitError) as error:
@@ -298,7 +285,9 @@ def _causes(rows: LogRows, hints: list[Finding]) -> list[Finding]:
             if cause is None or not cause.certain:
                 hints += cause_findings(rows, cause) if rows.known is None else []
                 break
-            if rows.known is not None and cause.tried[0].decisive > 2.0 * rows.n * np.log(KNOWN_LEFT):
+            # Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of
+            # the parameters themselves (load, friction, temperature) are not a wrong declaration.
+            if rows.known is not None and cause.tried[0].decisive > 2.0 * rows.n * np.log(0.7):
                 break
             named += cause_findings(rows, cause)
             rows = rows.under(cause.tried[0].hypothesis)
@@ -342,3 +331,37 @@ def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
         for joint, (column, left) in enumerate(zip(zip(*cells, strict=True), shown.relative, strict=True))
     ]
     return (("joint", *names, "left %"), *rows)
+
+
+ADVICE = {
+    "order": "Sort or correct the time stamps",
+    "gap": "Find the lost samples, or write resample = true under [recording.time], which takes the stretches between gaps",
+    "uneven": "Write resample = true under [recording.time], or give rate_hz in place of that table if only the stamps jitter",
+    "rate": "Correct rate_hz, or leave it out",
+}
+
+
+def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
+    """Turn faults of time stamps into findings."""
+    findings = []
+    kinds = {"order": "uneven-time", "gap": "gap", "uneven": "uneven-time", "rate": "rate"}
+    for recording in dict.fromkeys(name for name, _ in faults):
+        for kind in ADVICE:
+            alike = [fault for name, fault in faults if name == recording and fault.kind == kind]
+            # Largest number of gaps that are reported one by one.
+            shown = alike[: 5 if kind == "gap" else 1]
+            for fault in shown:
+                left = len(alike) - len(shown)
+                more = f"; there are {left} more" if left and fault is shown[-1] else ""
+                findings.append(
+                    worded(
+                        kind=kinds[kind],
+                        sentence=fault.sentence + more,
+                        advice=ADVICE[kind],
+                        recording=recording,
+                        file=fault.file,
+                        sample=fault.sample,
+                        value=fault.rate_hz if kind == "rate" else None,
+                    )
+                )
+    return findings

@@ -11,14 +11,8 @@ from .._tools.arrays import Array
 from ..robot.robot import Robot
 from .kinematics import frames
 
-REACH_POSES = 500
-"""Number of random poses from which the search for the longest reach starts."""
-JOINT_PASSES = 4
-"""Number of passes over the joints, each joint set to the best of `ANGLES` positions."""
 ANGLES = 73
 """Number of positions tried per joint: every five degrees of a full turn."""
-SLIDE_M = 1.0
-"""Half the travel (m) of a prismatic joint without limits."""
 
 
 def flange_at_zero(robot: Robot) -> Array:
@@ -33,9 +27,11 @@ def reach(robot: Robot) -> float:
     """
     ranges = np.array([_range(robot, joint) for joint in range(robot.n_dof)])
     rng = np.random.default_rng(0)
-    q = rng.uniform(ranges[:, 0], ranges[:, 1], (REACH_POSES, robot.n_dof))
+    # Number of random poses from which the search for the longest reach starts.
+    q = rng.uniform(ranges[:, 0], ranges[:, 1], (500, robot.n_dof))
     best = q[int(np.argmax(_distances(robot, q)))]
-    for _ in range(JOINT_PASSES):
+    # Number of passes over the joints, each joint set to the best of `ANGLES` positions.
+    for _ in range(4):
         for joint in range(robot.n_dof):
             tried = np.tile(best, (ANGLES, 1))
             tried[:, joint] = np.linspace(ranges[joint, 0], ranges[joint, 1], ANGLES)
@@ -63,7 +59,8 @@ def _range(robot: Robot, joint: int) -> tuple[float, float]:
     limits = robot.limits[joint].position
     if limits is not None:
         return limits
-    half = np.pi if robot.geometry.kinds[joint] == "revolute" else SLIDE_M
+    # Half the travel (m) of a prismatic joint without limits.
+    half = np.pi if robot.geometry.kinds[joint] == "revolute" else 1.0
     return -half, half
 
 

@@ -18,10 +18,6 @@ from .executors import Pool
 
 ATTEMPTS = 3
 """Number of times a task is run when its worker dies, before it counts as lost."""
-FIRST_LOSSES = 6
-"""Number of lost workers before the first result from which the study stops, because no worker works."""
-WINDOW_PER_WORKER = 4
-"""Number of tasks submitted ahead per worker."""
 
 Outcome = tuple[Any, Any, str | None]
 """Task with its result, or with None and a sentence on the failure of its workers."""
@@ -53,7 +49,8 @@ def run_all(
     StudyError
         When no worker works, or a broken executor cannot be restarted.
     """
-    run = _Run(function, pool, window or WINDOW_PER_WORKER * pool.workers)
+    # Number of tasks submitted ahead per worker.
+    run = _Run(function, pool, window or 4 * pool.workers)
     finished = False
     try:
         yield from run.results(iter(tasks))
@@ -171,6 +168,7 @@ class _Run:
         """Return the reason as text, or raise if no worker has ever returned a result."""
         self._losses += 1
         text = brief(" ".join(f"{type(reason).__name__}: {reason}".split()), 120)
-        if not self._results and self._losses >= FIRST_LOSSES:
+        # Number of lost workers before the first result from which the study stops, because no worker works.
+        if not self._results and self._losses >= 6:
             raise StudyError(f"no worker of {self._pool.name} has run a task: {text}") from reason
         return text

@@ -22,8 +22,6 @@ LEVEL = 0.95
 """Confidence level of the intervals of parameters and of the figures of merit."""
 TAILS = ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0)
 """Quantiles at the ends of an interval."""
-RESAMPLES = 400
-"""Number of bootstrap resamples of the runs for the interval of a figure."""
 NAN = math.nan
 
 
@@ -190,7 +188,8 @@ def _rms(z: Array) -> Estimate:
 
 def _resampled(runs: int) -> Array:
     """Return the weights of the runs in bootstrap resamples, (resamples, runs), reproducible for the same rows."""
-    chosen = np.random.default_rng(runs).integers(0, runs, (RESAMPLES, runs))
+    # Number of bootstrap resamples of the runs for the interval of a figure.
+    chosen = np.random.default_rng(runs).integers(0, runs, (400, runs))
     return np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
 
 

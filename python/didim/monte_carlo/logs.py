@@ -26,8 +26,6 @@ from .spec import canonical, digest
 
 NOISE, STARTS = 0, 1
 """Purposes of random numbers."""
-OTHER_SAMPLES = 1000
-"""Number of samples of the other motion."""
 
 
 Motion = tuple[Array, Array, Array, Array]
@@ -165,19 +163,15 @@ def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> 
     robot = _robot(shared, {**parts.model_robot, **model_parts.model_robot})
     experiment = _experiment(shared, {**parts.model, **model_parts.model}, robot)
     experiment = replace(experiment, robot=experiment.simulated_robot)
+    # Base parameters for the model of the methods: terms that the simulated robot lacks are zero.
+    values = dict(zip(truth.experiment.robot.parameter_names, truth.x.tolist(), strict=True))
+    x = np.array([values.get(name, 0.0) for name in experiment.robot.parameter_names])
     return Model(
         experiment=experiment,
-        beta=_true_values(experiment.robot, truth),
+        beta=experiment.robot.base_parameters.project(x),
         method=parts.method,
         other=truth.other,
     )
-
-
-def _true_values(robot: Robot, truth: Truth) -> Array:
-    """Return the true base parameters for the model of the methods; terms that the simulated robot lacks are zero."""
-    values = dict(zip(truth.experiment.robot.parameter_names, truth.x.tolist(), strict=True))
-    x = np.array([values.get(name, 0.0) for name in robot.parameter_names])
-    return robot.base_parameters.project(x)
 
 
 def _robot(shared: Mapping[str, Any], keys: Keys) -> Robot:
@@ -202,7 +196,8 @@ def _other_motion(shared: Mapping[str, Any], keys: Keys, robot: Robot, x: Array)
     spec = experiment.reference
     if not isinstance(spec, ReferenceSpec) or spec.made is None:
         raise StudyError("[other_motion] needs a reference of its own, and not that of a recording")
-    q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, OTHER_SAMPLES))
+    # Number of samples of the other motion.
+    q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, 1000))
     simulated = experiment.simulated_robot
     return q, dq, ddq, inverse_dynamics(simulated, q, dq, ddq, x)
 

@@ -285,10 +285,6 @@ def _check_row(row: Row, where: str) -> None:
         )
 
 
-LONGEST_ROW = 1 << 20
-"""Upper bound of the bytes of a row that is looked for in a file to be continued; one of 500 parameters has 20 kB."""
-SEARCHED = 1 << 26
-"""Bytes of a file to be continued in which a row is looked for."""
 OPENING = b'{"id":'
 """First bytes of a row."""
 
@@ -329,7 +325,18 @@ class RowFile:
             When it could not be written completely, for example on a full disk.
         """
         if not self._whole:
-            _cut_unfinished(self._file)
+            # Text after the last line break is removed.
+            end = size = os.fstat(self._file).st_size
+            while end > 0:
+                begin = max(0, end - 65536)
+                os.lseek(self._file, begin, os.SEEK_SET)
+                end_of_line = os.read(self._file, end - begin).rfind(b"\n")
+                if end_of_line >= 0:
+                    end = begin + end_of_line + 1
+                    break
+                end = begin
+            if end < size:
+                os.ftruncate(self._file, end)
             self._whole = True
         data = line.encode() + b"\n"
         written = os.write(self._file, data)
@@ -367,8 +374,10 @@ def _require_rows(path: Path) -> None:
     with path.open("rb") as file:
         opening = file.read(len(OPENING))
         file.seek(0)
-        for line in iter(partial(file.readline, LONGEST_ROW), b""):
-            if file.tell() > SEARCHED:
+        # Upper bound of the bytes of a row that is looked for in a file to be continued; one of 500 parameters has 20 kB.
+        for line in iter(partial(file.readline, 1 << 20), b""):
+            # Bytes of a file to be continued in which a row is looked for.
+            if file.tell() > (1 << 26):
                 break
             try:
                 row = json.loads(line)
@@ -381,18 +390,3 @@ def _require_rows(path: Path) -> None:
     raise StudyError(
         f"{path}: this file holds no rows of a study, and nothing was written to it; give -o another file"
     )
-
-
-def _cut_unfinished(file: int) -> None:
-    """Remove the text after the last line break."""
-    end = size = os.fstat(file).st_size
-    while end > 0:
-        begin = max(0, end - 65536)
-        os.lseek(file, begin, os.SEEK_SET)
-        end_of_line = os.read(file, end - begin).rfind(b"\n")
-        if end_of_line >= 0:
-            end = begin + end_of_line + 1
-            break
-        end = begin
-    if end < size:
-        os.ftruncate(file, end)

@@ -120,7 +120,12 @@ def study(
             files = {"row": path, "times": times_path(path)}
             append = {key: stack.enter_context(closing(RowFile(file))).append for key, file in files.items()}
             known = read_rows(path, appended=True)
-            _require_own(spec, known, path)
+            # Rows of two studies are not mixed.
+            ids = known.statuses
+            if ids and not any(task["id"] in ids for task in tasks(spec)):
+                raise StudyError(
+                    f"{path}: its rows are of another study, or of another version of didim; give -o another file"
+                )
         state = Progress(total=count(spec), truths=len(spec.scenarios))
         line = stack.enter_context(closing(ProgressLine(verbose is not False)))
         start = time.perf_counter()
@@ -157,15 +162,6 @@ def _run(
     with pool(executor, workers, address) as some:
         for task, result, sentence in run_all(run_task, missing, some, window=window):
             yield lost_row(task, sentence or "") if result is None else result
-
-
-def _require_own(spec: StudySpec, known: Rows, path: Path) -> None:
-    """Refuse a file in which no row belongs to the study, before rows of both are mixed."""
-    ids = known.statuses
-    if ids and not any(task["id"] in ids for task in tasks(spec)):
-        raise StudyError(
-            f"{path}: its rows are of another study, or of another version of didim; give -o another file"
-        )
 
 
 def check_study(spec: StudySpec) -> None:
