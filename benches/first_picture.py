@@ -24,7 +24,7 @@ from PIL import Image
 
 import didim
 from didim._tools.arrays import Array
-from didim.cli.examples import example_commands
+from didim.cli.lists import example_commands
 from didim.cli.main import main as didim_command
 from didim.model.kinematics import frames
 from didim.plot.skeleton import skeleton

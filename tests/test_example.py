@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import didim
-from didim.cli.examples import FOLDER, example_commands, packaged_examples
+from didim.cli.lists import FOLDER, example_commands, packaged_examples
 from didim.cli.main import main
 
 NAMES = sorted(path.name for path in FOLDER.iterdir() if path.is_dir())

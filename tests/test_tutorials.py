@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.cli.examples import example_commands
+from didim.cli.lists import example_commands
 from didim.cli.main import main
 from test_documented import indented, tables, words
 

@@ -12,7 +12,7 @@ import pytest
 
 import didim
 from didim._tools.arrays import Array
-from didim.cli.examples import example_commands
+from didim.cli.lists import example_commands
 from didim.cli.main import main
 from scripts import script
 from test_tutorials import commands, run

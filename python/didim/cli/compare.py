@@ -10,7 +10,6 @@ from .options import (
     INTERRUPTED,
     NOT_CONVERGED,
     Commands,
-    Options,
     add_command,
     add_data,
     add_flag,
@@ -56,17 +55,7 @@ def add(commands: Commands) -> None:
     )
     add_option(log, "--seed N", "seed of the noise", int)
     add_flag(log, "--no-noise", "simulate a log without noise")
-    _add_methods(parser.add_argument_group("methods"))
-    files = parser.add_argument_group("files and printing")
-    add_option(files, "--json FILE", "also write everything as JSON", Path)
-    add_report(files)
-    add_format(files)
-    add_flag(files, "--all", "print all parameters, each joint's torque error and all notes")
-    add_flag(files, "--quiet", "print nothing on stderr")
-
-
-def _add_methods(method: Options) -> None:
-    """Add the choice of the methods and their settings."""
+    method = parser.add_argument_group("methods")
     add_option(
         method,
         "--method NAME",
@@ -93,6 +82,12 @@ def _add_methods(method: Options) -> None:
         "filter or the controller is wrong",
     )
     add_regression(method)
+    files = parser.add_argument_group("files and printing")
+    add_option(files, "--json FILE", "also write everything as JSON", Path)
+    add_report(files)
+    add_format(files)
+    add_flag(files, "--all", "print all parameters, each joint's torque error and all notes")
+    add_flag(files, "--quiet", "print nothing on stderr")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -35,27 +35,7 @@ def add(commands: Commands) -> None:
         "didim identify log.toml --physical --save-parameters found.toml",
     )
     add_experiment(parser)
-    _add_method(parser.add_argument_group("method"))
-    _add_cloe(parser.add_argument_group("method cloe"))
-    files = parser.add_argument_group("files")
-    add_option(files, "--json FILE", "also write the result as JSON", Path)
-    add_option(
-        files,
-        "--save-parameters FILE.toml|FILE.npz",
-        "also write the parameters: as a set for a robot file, or as arrays with their covariance",
-        Path,
-    )
-    add_report(files)
-    printed = parser.add_argument_group("printing")
-    add_format(printed)
-    add_flag(printed, "--strict", "exit code 1 for a doubtful verdict too, not only for a wrong one")
-    loudness = printed.add_mutually_exclusive_group()
-    add_flag(loudness, "--quiet", "print no table and no progress")
-    add_flag(loudness, "--verbose", "print every iteration on stderr")
-
-
-def _add_method(method: Options) -> None:
-    """Add the choice of the method and the settings that several methods share."""
+    method = parser.add_argument_group("method")
     add_option(
         method,
         "--method NAME",
@@ -81,6 +61,22 @@ def _add_method(method: Options) -> None:
         dest="physical",
         help="solve without these conditions, as in the paper (default of the other methods)",
     )
+    _add_cloe(parser.add_argument_group("method cloe"))
+    files = parser.add_argument_group("files")
+    add_option(files, "--json FILE", "also write the result as JSON", Path)
+    add_option(
+        files,
+        "--save-parameters FILE.toml|FILE.npz",
+        "also write the parameters: as a set for a robot file, or as arrays with their covariance",
+        Path,
+    )
+    add_report(files)
+    printed = parser.add_argument_group("printing")
+    add_format(printed)
+    add_flag(printed, "--strict", "exit code 1 for a doubtful verdict too, not only for a wrong one")
+    loudness = printed.add_mutually_exclusive_group()
+    add_flag(loudness, "--quiet", "print no table and no progress")
+    add_flag(loudness, "--verbose", "print every iteration on stderr")
 
 
 def _add_cloe(cloe: Options) -> None:

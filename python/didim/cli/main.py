@@ -119,8 +119,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 COMMANDS = (
-    "robots.robot", "excite", "init", "check", "compare", "identify", "validate", "loads.payload", "loads.residual", "simulate",
-    "studies.study", "export", "robots.base", "robots.view", "lists", "terminal.completion",
+    "robot", "excite", "init", "check", "compare", "identify", "validate", "payload", "residual", "simulate",
+    "study", "export", "base", "view", "lists", "terminal.completion",
 )  # fmt: skip
 """Modules of the commands, in the order in which they are added."""
 

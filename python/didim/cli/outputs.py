@@ -102,7 +102,14 @@ class Saved:
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""
         try:
-            _print(printable(text) if exact else shown(printable(text), verdict))
+            # Characters outside the encoding of stdout are escaped.
+            words = printable(text) if exact else shown(printable(text), verdict)
+            try:
+                print(words)
+            except UnicodeEncodeError:
+                encoding = sys.stdout.encoding
+                print(words.encode(encoding, "backslashreplace").decode(encoding))
+            sys.stdout.flush()
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -148,13 +155,3 @@ class Saved:
         )
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         message(f"{what or path}: {reason}; {ending}")
-
-
-def _print(text: str) -> None:
-    """Print on stdout; characters outside its encoding are escaped."""
-    try:
-        print(text)
-    except UnicodeEncodeError:
-        encoding = sys.stdout.encoding
-        print(text.encode(encoding, "backslashreplace").decode(encoding))
-    sys.stdout.flush()

@@ -60,12 +60,6 @@ SHAPES: dict[str, list[dict[str, Any]]] = {
 """JSON schemas of the types."""
 
 
-def _default(path: str, key: Key) -> Any:
-    """Return the default of a key: declared, or that of the settings; None without one."""
-    value = getattr(SETTINGS.get(path), key.name, key.default)
-    return list(value) if isinstance(value, tuple) else value
-
-
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
         return (
@@ -102,7 +96,8 @@ def cells(path: str, key: Key) -> list[str]:
     bounds = {"at least": key.minimum, "at most": key.maximum, "above": key.above}
     details = [key.unit, *(f"{words} {bound:g}" for words, bound in bounds.items() if bound is not None)]
     kind += f" ({', '.join(filter(None, details))})" if any(details) else ""
-    default = _default(path, key)
+    value = getattr(SETTINGS.get(path), key.name, key.default)
+    default = list(value) if isinstance(value, tuple) else value
     given = "-" if default is None else f"`{_toml(default)}`"
     if key.required:
         given = "required" if key.required is True else f"required {key.required}"
@@ -141,7 +136,16 @@ def json_schema(file: str) -> dict[str, Any]:
         **_object(),
     }
     for path, key in _keys(file):
-        node = _node(root, path)
+        # Free names are further properties.
+        node = root
+        for part in path.split(".") if path != "file" else []:
+            if part == NAME:
+                if node["additionalProperties"] is False:
+                    node["additionalProperties"] = {**_object(), "additionalProperties": {"type": "number"}}
+                node = node["additionalProperties"]
+                continue
+            node = node["properties"].setdefault(part, _object())
+            node = node.get("items", node)
         if key.type in ("table", "array of tables"):
             inside = node["properties"].setdefault(key.name, _object())
             if key.name in NUMBERS:
@@ -158,20 +162,6 @@ def json_schema(file: str) -> dict[str, Any]:
 
 def _object() -> dict[str, Any]:
     return {"type": "object", "properties": {}, "additionalProperties": False}
-
-
-def _node(root: dict[str, Any], path: str) -> dict[str, Any]:
-    """Return the object of a table; free names are further properties."""
-    node = root
-    for part in path.split(".") if path != "file" else []:
-        if part == NAME:
-            if node["additionalProperties"] is False:
-                node["additionalProperties"] = {**_object(), "additionalProperties": {"type": "number"}}
-            node = node["additionalProperties"]
-            continue
-        node = node["properties"].setdefault(part, _object())
-        node = node.get("items", node)
-    return node
 
 
 def _value(key: Key) -> dict[str, Any]:

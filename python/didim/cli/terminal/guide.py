@@ -12,9 +12,6 @@ from .color import titled
 from .messages import message as print_message
 from .width import columns, wrapped
 
-WIDEST_HELP = 100
-"""Largest width of the help (columns); longer lines are hard to read."""
-
 EXAMPLES = "examples:\n"
 """First line of the examples below the options; their line breaks are preserved."""
 
@@ -29,7 +26,8 @@ COMMANDS = {
 
 def help_width() -> int:
     """Return the width of the help (columns)."""
-    return min(columns() or 80, WIDEST_HELP)
+    # Largest width of the help (columns); longer lines are hard to read.
+    return min(columns() or 80, 100)
 
 
 class Formatter(argparse.HelpFormatter):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..options import CONVERGED, Commands, add_command, add_format, add_robot, tell
-from ..outputs import Saved
+from .options import CONVERGED, Commands, add_command, add_format, add_robot, tell
+from .outputs import Saved
 
 
 def add(commands: Commands) -> None:
@@ -24,8 +24,8 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ...model.reach import pose_lines
-    from ...robot.robot_file import load_robot
+    from ..model.reach import pose_lines
+    from ..robot.robot_file import load_robot
 
     robot = load_robot(options.robot)
     tell(robot.notes)

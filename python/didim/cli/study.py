@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..._tools.progress import shows_progress
-from ..._tools.words import counted
-from ..options import (
+from .._tools.progress import shows_progress
+from .._tools.words import counted
+from .options import (
     CONVERGED,
     INTERRUPTED,
     NOT_CONVERGED,
@@ -21,16 +21,12 @@ from ..options import (
     add_report,
     check_report,
 )
-from ..outputs import Saved, check_outputs
-from ..terminal.messages import message, progress_lines
+from .outputs import Saved, check_outputs
+from .terminal.messages import message, progress_lines
 
 if TYPE_CHECKING:
-    from ...monte_carlo.results import StudyResults
-    from ...monte_carlo.study import Progress
-
-
-STUDY_PROGRESS_S = 2.0
-"""Time (s) between two progress lines of a study."""
+    from ..monte_carlo.results import StudyResults
+    from ..monte_carlo.study import Progress
 
 
 def add(commands: Commands) -> None:
@@ -87,9 +83,9 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ...errors import StudyError
-    from ...monte_carlo.results import StudyResults
-    from ...monte_carlo.text import HEAD, columns_named
+    from ..errors import StudyError
+    from ..monte_carlo.results import StudyResults
+    from ..monte_carlo.text import HEAD, columns_named
 
     check_report(options)
     check_outputs(options.parquet)
@@ -113,10 +109,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     """Run a study, and return its results at the end or after an interruption."""
-    from ...monte_carlo.results import StudyResults
-    from ...monte_carlo.rows import times_path
-    from ...monte_carlo.spec import load_study
-    from ...monte_carlo.study import study
+    from ..monte_carlo.results import StudyResults
+    from ..monte_carlo.rows import times_path
+    from ..monte_carlo.spec import load_study
+    from ..monte_carlo.study import study
 
     (path,) = options.study
     spec = load_study(path)
@@ -130,7 +126,8 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     elif options.mpi:
         executor = "mpi"
     lost = 0
-    line = None if options.quiet or shows_progress() else progress_lines(STUDY_PROGRESS_S)
+    # Time (s) between two progress lines of a study.
+    line = None if options.quiet or shows_progress() else progress_lines(2.0)
 
     def progress(state: Progress) -> None:
         nonlocal lost

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..options import Commands, add_command, add_data, add_option
-from ..outputs import Saved, check_outputs
+from .options import Commands, add_command, add_data, add_option
+from .outputs import Saved, check_outputs
 
 
 def add(commands: Commands) -> None:
@@ -39,15 +39,15 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ..._tools.files import write_atomically
-    from ...experiment.experiment_file import load_experiment
-    from ...result.identification import Identification
-    from ...studies.loads.residual import residual_torques
+    from .._tools.files import write_atomically
+    from ..experiment.experiment_file import load_experiment
+    from ..result.identification import Identification
+    from ..studies.loads.residual import residual_torques
 
     fit = Identification.load(options.fit)
     check_outputs(options.json, options.output, options.plot)
     if options.plot is not None:
-        from ...plot.style import require
+        from ..plot.style import require
 
         require()
     experiment = load_experiment(options.log, data=options.data)
@@ -58,8 +58,8 @@ def run(options: argparse.Namespace) -> int:
     saved.save_json(options.json, residual.to_dict())
     saved.save(options.output, lambda path: write_atomically(path, residual.csv()))
     if options.plot is not None:
-        from ...plot.external import external
-        from ...plot.style import svg
+        from ..plot.external import external
+        from ..plot.style import svg
 
         saved.save(options.plot, lambda path: write_atomically(path, svg(external(residual))))
     return saved.end(str(residual), verdict=residual.verdict)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..options import Commands, add_command, add_data, add_option
-from ..outputs import Saved, check_outputs
+from .options import Commands, add_command, add_data, add_option
+from .outputs import Saved, check_outputs
 
 
 def add(commands: Commands) -> None:
@@ -27,9 +27,9 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ...experiment.experiment_file import load_experiment
-    from ...result.identification import Identification
-    from ...studies.loads.payload import identify_payload
+    from ..experiment.experiment_file import load_experiment
+    from ..result.identification import Identification
+    from ..studies.loads.payload import identify_payload
 
     fit = Identification.load(options.fit)
     check_outputs(options.json)

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...errors import OutputError
-from ..options import Commands, add_chain, add_command, add_flag, add_option, locked, refuse, tell
-from ..outputs import Saved, check_outputs, refuse_existing
-from ..terminal.messages import message
+from ..errors import OutputError
+from .options import Commands, add_chain, add_command, add_flag, add_option, locked, refuse, tell
+from .outputs import Saved, check_outputs, refuse_existing
+from .terminal.messages import message
 
 if TYPE_CHECKING:
-    from ...robot.robot import Robot
+    from ..robot.robot import Robot
 
 
 def add(commands: Commands) -> None:
@@ -54,10 +54,10 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ...robot.right_angles import SNAP
-    from ...robot.robot_text import robot_text
-    from ...robot.urdf.reading import read_urdf
-    from ...robot.urdf.summary import rows_and_frames, summary
+    from ..robot.right_angles import SNAP
+    from ..robot.robot_text import robot_text
+    from ..robot.urdf.reading import read_urdf
+    from ..robot.urdf.summary import rows_and_frames, summary
 
     if Path(options.robot).suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         return _described(options, rows_and_frames)
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
     """Print rows and frames of a robot that is not a URDF."""
-    from ...robot.robot_file import PACKAGED, load_robot
+    from ..robot.robot_file import PACKAGED, load_robot
 
     for name in ("tip", "base", "gravity", "lock", "open"):
         if getattr(options, name) not in (None, [], False):

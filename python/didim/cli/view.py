@@ -6,15 +6,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..options import CONVERGED, Commands, add_command, add_data, add_option, tell
-from ..terminal.messages import message
+from .options import CONVERGED, Commands, add_command, add_data, add_option, tell
+from .terminal.messages import message
 
 if TYPE_CHECKING:
-    from ..._tools.arrays import Array
-    from ...experiment.experiment import Experiment
-    from ...robot.robot import Robot
-    from ...view.playback import Playback
-    from ...view.shapes import Shape
+    from .._tools.arrays import Array
+    from ..experiment.experiment import Experiment
+    from ..robot.robot import Robot
+    from ..view.playback import Playback
+    from ..view.shapes import Shape
 
 
 def add(commands: Commands) -> None:
@@ -53,7 +53,7 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ...view.page import Page
+    from ..view.page import Page
 
     robot, shapes, playbacks, notes = contents(options)
     page = Page(robot, shapes, playbacks, options.host, options.port)
@@ -66,16 +66,33 @@ def run(options: argparse.Namespace) -> int:
 
 def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Playback], list[str]]:
     """Return the robot, its shapes and motions, and sentences on missing items."""
-    from ...view import playback, shapes
-    from ...view.visuals import visuals
+    from .._tools.toml import read_toml
+    from ..errors import ExperimentError, RobotError
+    from ..experiment.experiment_file import load_experiment
+    from ..view import playback, shapes
+    from ..view.visuals import visuals
 
-    _check(options)
-    experiment = _experiment(options)
+    what, kind = options.what, _kind(options)
+    if kind == ".csv" and options.robot is None:
+        raise RobotError(f"{what}: which robot moves like this? Say --robot ROBOT")
+    for option, value, useless in (
+        ("--robot", options.robot, kind not in (".json", ".csv")),
+        ("--parameters", options.parameters, kind == ".json"),
+        ("--motion", options.motion, kind == ".csv"),
+    ):
+        if value is not None and useless:
+            raise RobotError(f"{option} {value} has no place beside '{what}': leave it out")
+    path, experiment = Path(what), None
+    # Unlike a robot file, an experiment names a robot.
+    if kind == ".toml" and "robot" in read_toml(path, ExperimentError):
+        experiment = load_experiment(path, data=options.data)
     robot, x, notes = _robot_and_parameters(options, experiment)
-    motion = Path(options.what) if _kind(options) == ".csv" else options.motion
+    motion = path if kind == ".csv" else options.motion
     drawn = [*shapes.skeleton(robot), *shapes.capsules(robot.collision)]
-    urdf = _urdf_of(robot)
-    if urdf is not None:
+    urdf = robot.path
+    if robot.correspondence is not None and urdf.suffix.lower() != ".urdf":
+        urdf = urdf.with_name(robot.correspondence.file)
+    if robot.correspondence is not None and urdf.suffix.lower() == ".urdf" and urdf.is_file():
         meshes, missing = visuals(robot, urdf, tuple(options.meshes))
         drawn += meshes
         notes += missing[:1] + (
@@ -101,22 +118,6 @@ def _kind(options: argparse.Namespace) -> str:
     return Path(options.what).suffix.lower()
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Refuse a motion without a robot, and options that what is shown leaves no place for."""
-    from ...errors import RobotError
-
-    what, kind = options.what, _kind(options)
-    if kind == ".csv" and options.robot is None:
-        raise RobotError(f"{what}: which robot moves like this? Say --robot ROBOT")
-    for option, value, useless in (
-        ("--robot", options.robot, kind not in (".json", ".csv")),
-        ("--parameters", options.parameters, kind == ".json"),
-        ("--motion", options.motion, kind == ".csv"),
-    ):
-        if value is not None and useless:
-            raise RobotError(f"{option} {value} has no place beside '{what}': leave it out")
-
-
 def _robot_and_parameters(
     options: argparse.Namespace, experiment: Experiment | None
 ) -> tuple[Robot, Array | None, list[str]]:
@@ -124,9 +125,9 @@ def _robot_and_parameters(
 
     Those of a result are made physically consistent, because only these define bodies.
     """
-    from ...export.source import exported_parameters
-    from ...robot.robot_file import load_robot
-    from ...studies.run import standard_parameters
+    from ..export.source import exported_parameters
+    from ..robot.robot_file import load_robot
+    from ..studies.run import standard_parameters
 
     if _kind(options) == ".json":
         result = exported_parameters(fit=Path(options.what), parameters=None, robot=options.robot, urdf=None)
@@ -141,27 +142,3 @@ def _robot_and_parameters(
         fit=Path(options.parameters), parameters=None, robot=str(robot.path), urdf=None
     )
     return robot, result.x[: len(robot.parameter_names)], list(result.notes)
-
-
-def _experiment(options: argparse.Namespace) -> Experiment | None:
-    """Return the experiment if the file is one: unlike a robot file it names a robot."""
-    from ..._tools.toml import read_toml
-    from ...errors import ExperimentError
-    from ...experiment.experiment_file import load_experiment
-
-    path = Path(options.what)
-    if path.suffix.lower() != ".toml" or "robot" not in read_toml(path, ExperimentError):
-        return None
-    return load_experiment(path, data=options.data)
-
-
-def _urdf_of(robot: Robot) -> Path | None:
-    """Return the URDF that a robot was read from, if it exists."""
-    if robot.correspondence is None:
-        return None
-    path = (
-        robot.path
-        if robot.path.suffix.lower() == ".urdf"
-        else robot.path.with_name(robot.correspondence.file)
-    )
-    return path if path.suffix.lower() == ".urdf" and path.is_file() else None

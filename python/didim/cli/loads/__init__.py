@@ -1,1 +1,0 @@
-"""Commands that use an identified robot: payloads, external torques."""

@@ -1,1 +1,0 @@
-"""Commands on robots: files, base parameters and pictures."""

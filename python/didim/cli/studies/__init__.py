@@ -1,1 +1,0 @@
-"""Commands of studies: many identifications in one run."""
