@@ -113,8 +113,7 @@ def _checked(
         return Findings(log.name, tuple(all_findings), log.robot.joint_names, loop, tuple(notes), digests)
 
     # Load friction is not linear in the parameters, and none of the checks turns on it.
-    linear = [term for term in experiment.robot.friction.terms if term.law != "load"]
-    experiment = replace(experiment, robot=experiment.robot.with_terms(linear))
+    experiment = replace(experiment, robot=experiment.robot.without("load"))
     known = None if parameters is None else _standard(experiment, parameters)
     say("looking at the columns")
     recordings = []

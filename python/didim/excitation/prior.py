@@ -81,8 +81,7 @@ def _of_result(fit: Identification, robot: Robot) -> Array:
 
 def at_reference_temperature(robot: Robot) -> Robot:
     """Return a robot without terms of temperature, whose columns are zero at the reference temperature; or the robot itself."""
-    terms = [term for term in robot.friction.terms if term.law not in OF_TEMPERATURE]
-    return robot if len(terms) == len(robot.friction.terms) else robot.with_terms(terms)
+    return robot.without(*OF_TEMPERATURE) if robot.friction.warmed else robot
 
 
 def _fitted(source: Experiment | str | Path, robot: Robot) -> tuple[Experiment, list[Window]]:

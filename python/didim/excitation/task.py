@@ -35,16 +35,14 @@ class Task:
 
     def __init__(self, robot: Robot, settings: ExcitationSettings) -> None:
         self.robot, self.settings = at_reference_temperature(robot), settings
-        for term in robot.friction.terms:
-            if term.law == "load":
-                raise ExcitationError(
-                    f"the load friction of joint {term.joint + 1} depends on the torques that are still to be identified: "
-                    "leave it out of the friction of the design"
-                )
+        for term in robot.friction.of("load"):
+            raise ExcitationError(
+                f"the load friction of joint {term.joint + 1} depends on the torques that are still to be identified: "
+                "leave it out of the friction of the design"
+            )
         # The sign of the velocity has no gradient.
         smooth = [max(settings.smoothing, one) for one in robot.friction.smoothing]
-        terms = [term for term in self.robot.friction.terms if term.law != "hold"]
-        self.smooth = self.robot.with_terms(terms).with_smoothing(smooth)
+        self.smooth = self.robot.without("hold").with_smoothing(smooth)
         hidden = set(self.smooth.base_parameters.names) - set(self.robot.base_parameters.names)
         if hidden:
             raise ExcitationError(

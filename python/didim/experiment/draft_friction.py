@@ -74,7 +74,7 @@ def friction_lines(robot: Robot, fit: FirstFit) -> list[str]:
     for law, key in (*KEYS.items(), ("spring", "linear")):
         terms = sorted((term for term in chosen if term.law == law), key=lambda term: term.joint)
         if terms:
-            joints = {term.joint + 1 for term in (*terms, *robot.friction.terms) if term.law == law}
+            joints = {term.joint + 1 for term in (*terms, *robot.friction.of(law))}
             reason = _gains([worth[term.parameter] for term in terms])
             per = "" if law == "dahl" else "/s"
             units = {"revolute": f"rad{per}", "prismatic": f"m{per}"}

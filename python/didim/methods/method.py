@@ -135,7 +135,7 @@ class MethodSettings:
         dropped = experiment.dropped if self.dropped is None else dropped_names(self.dropped)
         robot = robot or experiment.robot
         # In a simulation smooth friction holds a joint at rest, so a standstill torque has no column.
-        resting = [term for term in robot.friction.terms if term.law == "rest"]
+        resting = robot.friction.of("rest")
         silent = [term.parameter for term in resting if robot.friction.dead_zone[term.joint] == 0.0]
         dropped = (*dropped, *(name for name in silent if name not in dropped and name not in fixed))
         delay = experiment.delay.compensate_samples

@@ -159,13 +159,11 @@ def held_sign(q: Array, first: float, kind: str) -> Array:
 
 def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
     """Return the robot without memory, and its parameters, in steady sliding: ``z = s``."""
-    terms = robot.friction.terms
-    plain = robot.with_terms([term for term in terms if term.law not in OF_PATH])
+    plain = robot.without(*OF_PATH)
     values = dict(zip(robot.parameter_names, x, strict=True))
-    for term in terms:
-        if term.law == "dahl":
-            for name in friction_names(term.joint, ("Fc",)) & values.keys():
-                values[name] += values[term.parameter]
+    for term in robot.friction.of("dahl"):
+        for name in friction_names(term.joint, ("Fc",)) & values.keys():
+            values[name] += values[term.parameter]
     return plain, np.array([values[name] for name in plain.parameter_names])
 
 
@@ -205,10 +203,9 @@ def memory_columns(
         for term in friction.warmed:
             joint, motion = term.joint, dq if term.law == "warm_viscous" else sign
             yield term.parameter, joint, (temperature[:, joint] - term.values[0]) * motion[:, joint]
-    for term in friction.terms:
-        if term.law == "dahl":
-            first = instantaneous(robot, dq[:1])[0, term.joint]
-            yield term.parameter, term.joint, states(q[:, term.joint], np.array([term.velocity]), first)[:, 0]
+    for term in friction.of("dahl"):
+        first = instantaneous(robot, dq[:1])[0, term.joint]
+        yield term.parameter, term.joint, states(q[:, term.joint], np.array([term.velocity]), first)[:, 0]
     joints = friction.held
     if not joints:
         return

@@ -262,25 +262,29 @@ class Friction:
         nothing = (0.0,) * n_dof
         return cls(smoothing=nothing, dead_zone=nothing, terms=tuple(terms))
 
+    def of(self, *laws: str) -> tuple[FrictionTerm, ...]:
+        """Return the terms of some laws."""
+        return tuple(term for term in self.terms if term.law in laws)
+
     @property
     def has_memory(self) -> bool:
         """Whether friction depends on the path or on the temperature, not on the state alone."""
-        return any(term.law in OF_PATH | OF_TEMPERATURE for term in self.terms)
+        return bool(self.of(*OF_PATH, *OF_TEMPERATURE))
 
     @property
     def warmed(self) -> tuple[FrictionTerm, ...]:
         """Terms that depend on the temperature."""
-        return tuple(term for term in self.terms if term.law in OF_TEMPERATURE)
+        return self.of(*OF_TEMPERATURE)
 
     @property
     def held(self) -> frozenset[int]:
         """Joints, from 0, whose sign is kept through rest."""
-        return frozenset(term.joint for term in self.terms if term.law == "hold")
+        return frozenset(term.joint for term in self.of("hold"))
 
     @property
     def has_load(self) -> bool:
         """Whether a torque of friction depends on the load."""
-        return any(term.law == "load" for term in self.terms)
+        return bool(self.of("load"))
 
     @property
     def estimated(self) -> tuple[FrictionTerm, ...]:
@@ -290,7 +294,7 @@ class Friction:
     @property
     def springs(self) -> tuple[FrictionTerm, ...]:
         """Terms whose torque is a function of the position alone."""
-        return tuple(term for term in self.terms if term.law in OF_POSITION)
+        return self.of(*OF_POSITION)
 
     @property
     def open(self) -> bool:

@@ -423,6 +423,10 @@ class Robot(Pickled):
         """Return the robot with these further friction terms (``test_friction_terms.py``)."""
         return self._with(replace(self.friction, terms=tuple(terms), auto=False))
 
+    def without(self, *laws: str) -> Robot:
+        """Return the robot without the friction terms of these laws."""
+        return self.with_terms([term for term in self.friction.terms if term.law not in laws])
+
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
         """Return the robot with ``tanh(dq / smoothing)`` friction, (n_dof,) (rad/s, m/s)."""
         zones = (0.0,) * self.n_dof

@@ -134,17 +134,16 @@ def _friction(robot: Robot) -> list[str]:
             if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
                 lines += _keys(**{f"{key}_{unit}": values})
     lines += _further_friction(robot)
-    own = [line for term in robot.friction.terms if term.law == "table" for line in _own_law(robot, term)]
+    own = [line for term in friction.of("table") for line in _own_law(robot, term)]
     return [*(["", "[friction]", *lines] if lines else []), *own, *_springs(robot)]
 
 
 def _springs(robot: Robot) -> list[str]:
-    terms = robot.friction.springs
     lines = []
     for key, laws in SPRINGS.items():
-        joints = [term.joint + 1 for term in terms if term.law == laws[0]]
+        joints = [term.joint + 1 for term in robot.friction.of(laws[0])]
         lines += [f"{key} = {joints}"] if joints else []
-    for term in (term for term in terms if term.law == CYLINDER[0]):
+    for term in robot.friction.of(CYLINDER[0]):
         a, b, phi, rest = term.values
         lines += ["", "[[springs.cylinder]]", f"joint = {term.joint + 1}"]
         lines += _keys(a_m=a, b_m=b, phi_deg=math.degrees(phi), rest_m=rest)
@@ -165,7 +164,7 @@ def _further_friction(robot: Robot) -> list[str]:
     lines = ['terms = "auto"'] if friction.auto else []
     reference: dict[int, float] = {}
     for law, key in KEYS.items():
-        terms = [term for term in friction.terms if term.law == law]
+        terms = friction.of(law)
         if not terms:
             continue
         lines.append(f"{key} = {[term.joint + 1 for term in terms]}")

@@ -301,8 +301,8 @@ def _helpers(robot: Robot, prefix: str, body: str) -> list[str]:
     ):
         if f"{prefix}_{name}(" in body:
             lines += [f"static inline double {prefix}_{name}({head})", "{", f"    return {value};", "}", ""]
-    for term in robot.friction.terms:
-        if term.law == "table" and f"{prefix}_{term.parameter}(" in body:
+    for term in robot.friction.of("table"):
+        if f"{prefix}_{term.parameter}(" in body:
             lines += _table(term, prefix)
     return lines
 

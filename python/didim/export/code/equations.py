@@ -348,7 +348,7 @@ def of_all_joints(robot: Robot) -> Robot:
 
 def remembering(robot: Robot) -> list[FrictionTerm]:
     """Return the friction terms with a state, in the order of the states."""
-    return [term for term in robot.friction.terms if term.law in OF_PATH]
+    return list(robot.friction.of(*OF_PATH))
 
 
 def _clean(value: float) -> float:

@@ -102,11 +102,10 @@ def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
         raise FitError(
             f"the equations of {robot.n_joints} joints fill pages: LaTeX is written for up to {MOST_JOINTS}; C takes any robot"
         )
-    for term in robot.friction.terms:
-        if term.law in _REFUSED:
-            raise FitError(
-                f"friction term {term.parameter} {_REFUSED[term.law]}: it has no place in a formula that is linear in parameters"
-            )
+    for term in robot.friction.of(*_REFUSED):
+        raise FitError(
+            f"friction term {term.parameter} {_REFUSED[term.law]}: it has no place in a formula that is linear in parameters"
+        )
     sympy = optional("sympy", FitError, "LaTeX of the model needs SymPy: pip install didim[latex]")
     joints = range(1, robot.n_dof + 1)
     q, dq, ddq = ([sympy.Symbol(f"{name}{j}", real=True) for j in joints] for name in ("q", "dq", "ddq"))

@@ -187,7 +187,18 @@ def choose_chain(
     moving = [joint for joint in path if _free(joint, lock)]
     mimics = _mimics(joints, moving, lock)
     moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
-    _check_joints(description, moving)
+    where = description.where
+    if not moving:
+        unmoved = [joint for joint in description.joints.values() if joint.moves and joint.kind not in MOVING]
+        held = series([f"{joint.name} ({joint.kind})" for joint in unmoved], 80)
+        why = f"; joints of this type are held: {held}" if unmoved else ""
+        raise RobotError(f"{where}: no joint moves between base and tip{why}")
+    if len(moving) > MOST_JOINTS:
+        names = series((joint.name for joint in moving), 40)
+        raise RobotError(
+            f"{where}: a robot has at most {MOST_JOINTS} joints, not {len(moving)} ({names}); "
+            "choose a part (--base, --tip), or lock joints (--lock)"
+        )
     return replace(_assemble(description, base, tip, path, moving, lock), mimics=mimics)
 
 
@@ -228,21 +239,6 @@ def _branches(description: Description, base: str) -> list[UrdfJoint]:
         tree.append(waiting.pop())
         waiting += reversed(description.outgoing.get(tree[-1].child, ()))
     return tree
-
-
-def _check_joints(description: Description, moving: list[UrdfJoint]) -> None:
-    where = description.where
-    if not moving:
-        unmoved = [joint for joint in description.joints.values() if joint.moves and joint.kind not in MOVING]
-        held = series([f"{joint.name} ({joint.kind})" for joint in unmoved], 80)
-        why = f"; joints of this type are held: {held}" if unmoved else ""
-        raise RobotError(f"{where}: no joint moves between base and tip{why}")
-    if len(moving) > MOST_JOINTS:
-        names = series((joint.name for joint in moving), 40)
-        raise RobotError(
-            f"{where}: a robot has at most {MOST_JOINTS} joints, not {len(moving)} ({names}); "
-            "choose a part (--base, --tip), or lock joints (--lock)"
-        )
 
 
 def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:

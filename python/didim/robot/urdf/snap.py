@@ -108,11 +108,7 @@ def snap_chain(
     directions: list[Array] = []
     for joint, (origin, axis) in enumerate(zip(origins, axes, strict=True)):
         rotation, by_rotation = _to_cube(origin[:3, :3], tolerance)
-        nearest = np.zeros(3)
-        largest = int(np.argmax(np.abs(axis)))
-        nearest[largest] = math.copysign(1.0, axis[largest])
-        angle = float(np.linalg.norm(axis - nearest))
-        axis, by_axis = (nearest, angle) if angle <= tolerance else (axis, 0.0)
+        axis, by_axis = _to_unit(axis, tolerance)
         parent = parents[joint]
         previous, before = (np.eye(3), vertical) if parent is None else (frames[parent], directions[parent])
         frame = previous @ rotation
@@ -146,6 +142,14 @@ def _to_cube(rotation: Array, tolerance: float) -> tuple[Array, float]:
     nearest = CUBE[int(np.argmax(np.einsum("kij,ij->k", CUBE, rotation)))]
     angle = float(np.linalg.norm(rotation - nearest)) / math.sqrt(2.0)
     return (nearest, angle) if angle <= tolerance else (rotation, 0.0)
+
+
+def _to_unit(axis: Array, tolerance: float) -> tuple[Array, float]:
+    nearest = np.zeros(3)
+    largest = int(np.argmax(np.abs(axis)))
+    nearest[largest] = math.copysign(1.0, axis[largest])
+    angle = float(np.linalg.norm(axis - nearest))
+    return (nearest, angle) if angle <= tolerance else (axis, 0.0)
 
 
 def _from_right_angle(first: Array, second: Array) -> tuple[float, bool, Array]:
