@@ -18,7 +18,7 @@ from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ControllerSpec
 from didim.loop.controller import Controller
 from didim.result.contrast import reading
-from didim.studies.contrasts import contrasts_of
+from didim.studies.compare import contrasts_of
 from didim.studies.simulated_log import measured
 
 pytestmark = pytest.mark.usefixtures("without_verdict")

@@ -18,7 +18,7 @@ from didim import DIDIM, IDIMLS, Comparison, Identification
 from didim.cli.main import main
 from didim.errors import FitError
 from didim.formats import FORMATS, Result, latex_text, render
-from didim.model.reach import pose_lines
+from didim.model.kinematics import pose_lines
 from didim.result.table import PARAMETER_HEAD
 from several import arm_logs
 from test_cli import arm as arm_fixture

@@ -19,8 +19,8 @@ from didim.result.contrast import Contrast
 from didim.result.finding import Finding as Evidence
 from didim.result.finding import worded
 from didim.result.verdict import Verdict
+from didim.studies.compare import Contrasts
 from didim.studies.comparison import Comparison
-from didim.studies.contrasts import Contrasts
 from didim.studies.loads.payload_result import PayloadEstimate
 from didim.studies.loads.residual import Residual
 from several import arm_logs

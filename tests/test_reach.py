@@ -7,7 +7,7 @@ import pytest
 
 import didim
 from didim.cli.main import main
-from didim.model.reach import flange_at_zero, reach
+from didim.model.kinematics import flange_at_zero, reach
 
 
 def test_the_planar_arm() -> None:

@@ -24,7 +24,7 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ..model.reach import pose_lines
+    from ..model.kinematics import pose_lines
     from ..robot.robot_file import load_robot
 
     robot = load_robot(options.robot)

@@ -141,8 +141,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
     """Contrast three methods on one log, and return the exit code."""
-    from ..studies.compare import truth_of
-    from ..studies.contrasts import contrasts_of
+    from ..studies.compare import contrasts_of, truth_of
     from ..studies.simulated_log import simulated_log
 
     if not experiment.recordings:

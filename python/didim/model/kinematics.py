@@ -2,7 +2,8 @@
 
 Frame j follows the frame before, in a tree that of its antecedent, by ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. The
 position of the joint adds to theta (revolute) or to r (prismatic). The core has its own recursion for the dynamics; this one is
-for pictures. ``test_plot.py`` compares with the frames of Pinocchio.
+for pictures. ``test_plot.py`` compares with the frames of Pinocchio. The pose of the last frame at q = 0 and the longest reach
+reveal a wrong robot file at once (``test_reach.py``).
 """
 
 from __future__ import annotations
@@ -71,3 +72,65 @@ def _row(alpha: float, d: float, theta: Array, r: Array) -> Array:
         [zero, zero, zero, one],
     ]
     return np.moveaxis(np.array(rows), 2, 0)
+
+
+ANGLES = 73
+"""Number of positions tried per joint: every five degrees of a full turn."""
+
+
+def flange_at_zero(robot: Robot) -> Array:
+    """Return the last frame at q = 0 in frame 0, a homogeneous matrix (4, 4), lengths in m."""
+    return np.asarray(frames(robot, np.zeros((1, robot.n_dof)))[0, -1])
+
+
+def reach(robot: Robot) -> float:
+    """Return the largest distance of the origin of the last frame from that of frame 1 (m), within the limits of the robot file.
+
+    Revolute joints without limits turn freely; prismatic ones without limits move by 1 m either way.
+    """
+    ranges = np.array([_range(robot, joint) for joint in range(robot.n_dof)])
+    rng = np.random.default_rng(0)
+    # Number of random poses from which the search for the longest reach starts.
+    q = rng.uniform(ranges[:, 0], ranges[:, 1], (500, robot.n_dof))
+    best = q[int(np.argmax(_distances(robot, q)))]
+    # Number of passes over the joints, each joint set to the best of `ANGLES` positions.
+    for _ in range(4):
+        for joint in range(robot.n_dof):
+            tried = np.tile(best, (ANGLES, 1))
+            tried[:, joint] = np.linspace(ranges[joint, 0], ranges[joint, 1], ANGLES)
+            tried = np.vstack([best, tried])
+            best = tried[int(np.argmax(_distances(robot, tried)))]
+    return float(_distances(robot, best[None])[0])
+
+
+def pose_lines(robot: Robot) -> list[str]:
+    """Return lines on the pose of the last frame at q = 0, and on the reach; none for a tree, which has several last frames."""
+    if not robot.geometry.in_line:
+        return []
+    pose = flange_at_zero(robot)
+    x, y, z = (_number(value) for value in pose[:3, 3])
+    axes = "; ".join(
+        f"{name} along [{', '.join(_number(value) for value in pose[:3, k])}]" for k, name in enumerate("xyz")
+    )
+    return [
+        f"Frame {robot.n_dof} at q = 0, in frame 0: origin [{x}, {y}, {z}] m, {axes}",
+        f"Reach, from the origin of frame 1 to that of frame {robot.n_dof}: {reach(robot):.4g} m",
+    ]
+
+
+def _range(robot: Robot, joint: int) -> tuple[float, float]:
+    limits = robot.limits[joint].position
+    if limits is not None:
+        return limits
+    # Half the travel (m) of a prismatic joint without limits.
+    half = np.pi if robot.geometry.kinds[joint] == "revolute" else 1.0
+    return -half, half
+
+
+def _distances(robot: Robot, q: Array) -> Array:
+    poses = frames(robot, q)
+    return np.asarray(np.linalg.norm(poses[:, -1, :3, 3] - poses[:, 1, :3, 3], axis=1))
+
+
+def _number(value: float) -> str:
+    return f"{0.0 if abs(value) < 5e-10 else value:.4g}"
