@@ -82,17 +82,13 @@ def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
         start, sigma = part.number("start", None), part.number("sigma", math.inf)
         if not low < high or (start is not None and not low <= start <= high):
             part.fail(f"min, start and max must be in order, got {low:g}, {start}, {high:g}")
-        unknown[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=_shared(part, kind))
+        # True means the whole robot. Those of commands are shared by default: drives on one bus have the same.
+        given = part.raw("shared", kind in ("delay_s", "lag_s", ACCELERATION))
+        if isinstance(given, bool):
+            given = "robot" if given else "joint"
+        if given not in get_args(Shared):
+            part.fail(f'shared must be true, false, "joint", "limb", "robot" or "log", got {given!r}')
+        unknown[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=cast("Shared", given))
         part.done()
     table.done()
     return unknown
-
-
-def _shared(table: Table, kind: str) -> Shared:
-    """Read `shared`: true means the whole robot. Those of commands are shared by default: drives on one bus have the same."""
-    given = table.raw("shared", kind in ("delay_s", "lag_s", ACCELERATION))
-    if isinstance(given, bool):
-        given = "robot" if given else "joint"
-    if given not in get_args(Shared):
-        table.fail(f'shared must be true, false, "joint", "limb", "robot" or "log", got {given!r}')
-    return cast("Shared", given)

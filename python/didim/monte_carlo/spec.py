@@ -176,7 +176,20 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
     canonical(content, path.name)
     table = Table(content, path.name, StudyError, keys=declared("study"))
     table.check_schema()
-    experiment, where = _experiment(table.text("experiment"), path)
+    # An included experiment, or a file beside the study.
+    name = table.text("experiment")
+    packaged = EXPERIMENTS / f"{name}.toml"
+    where = packaged if packaged.is_file() else path.parent / name
+    experiment = read_toml(where, ExperimentError)
+    kind = (
+        experiment.get("reference", {}).get("kind") if isinstance(experiment.get("reference"), dict) else None
+    )
+    if kind in (None, "recorded", "measured"):
+        raise StudyError(
+            f"{where.name}: a study simulates its logs, so the experiment needs a [reference] of its own, and not that of a "
+            "recording"
+        )
+    experiment.pop("recording", None)
     robot, robot_where = _robot(Table(experiment, where.name, ExperimentError).text("robot"), where)
     repeat = table.table("repeat")
     seeds, root = repeat.integer("seeds"), repeat.integer("root")
@@ -207,21 +220,6 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
     )
     table.done()
     return made
-
-
-def _experiment(name: str, path: Path) -> tuple[dict[str, Any], Path]:
-    """Return content and path of the experiment, an included one or a file beside the study."""
-    packaged = EXPERIMENTS / f"{name}.toml"
-    where = packaged if packaged.is_file() else path.parent / name
-    content = read_toml(where, ExperimentError)
-    kind = content.get("reference", {}).get("kind") if isinstance(content.get("reference"), dict) else None
-    if kind in (None, "recorded", "measured"):
-        raise StudyError(
-            f"{where.name}: a study simulates its logs, so the experiment needs a [reference] of its own, and not that of a "
-            "recording"
-        )
-    content.pop("recording", None)
-    return content, where
 
 
 def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:

@@ -29,8 +29,7 @@ from ..errors import DidimError, StudyError
 from ..methods.identify import identify
 from ..methods.method import Method
 from ..methods.table import method_class
-from ..result.identification import Identification
-from .logs import Model, Truth, model_of, truth_of
+from .logs import Truth, model_of, truth_of
 from .spec import canonical, digest
 from .tasks import Task
 
@@ -202,13 +201,20 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
     start = time.perf_counter()
     fit = identify(log, method, verbose=False)
     seconds["fit"] = time.perf_counter() - start
+    off = fit.beta - model.beta
+    known = np.isfinite(off) & (fit.std > 0.0)
+    sigmas = np.abs(off[known]) / fit.std[known]
+    torque, joints = model.torque_errors(fit.parameters)
     return {
         "status": fit.status.name,
         "sentence": fit.conclusion,
         "beta": _plain(fit.beta),
         "std": _plain(fit.std),
         "factor": _number(fit.interval_factor(0.95)),
-        **_judged(fit, model),
+        "error_sigmas": _number(float(np.sqrt(np.mean(sigmas**2))) if known.any() else np.nan),
+        "coverage": _number(float(np.mean(sigmas <= fit.interval_factor(0.95))) if known.any() else np.nan),
+        "torque_error": _number(torque),
+        "torque_errors": _plain(joints),
         "iterations": fit.n_iterations,
         "simulations": fit.n_simulations,
         "rows": fit.n_rows,
@@ -254,20 +260,6 @@ def method_of(
         options["start"] = "unit" if start is None else start(spread)
     method: Method = made(**options)
     return method
-
-
-def _judged(fit: Identification, model: Model) -> dict[str, Any]:
-    """Return the errors relative to the truth."""
-    off = fit.beta - model.beta
-    known = np.isfinite(off) & (fit.std > 0.0)
-    sigmas = np.abs(off[known]) / fit.std[known]
-    torque, joints = model.torque_errors(fit.parameters)
-    return {
-        "error_sigmas": _number(float(np.sqrt(np.mean(sigmas**2))) if known.any() else np.nan),
-        "coverage": _number(float(np.mean(sigmas <= fit.interval_factor(0.95))) if known.any() else np.nan),
-        "torque_error": _number(torque),
-        "torque_errors": _plain(joints),
-    }
 
 
 def _number(value: float) -> float | None:

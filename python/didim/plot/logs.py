@@ -176,7 +176,20 @@ def _compared(
     rows, _ = per_row(n, PANELS_PER_ROW)
     figure = new_figure(0.4 + (3.6 if n == 1 else 2.8) * rows, gap_in=0.09)
     for joint, upper, lower in panel_pairs(figure, n, PANELS_PER_ROW, (2.4, 1.0)):
-        _draw(upper, lower, pieces, joint, labels)
+        columns = [(t, measured[:, joint], model[:, joint]) for t, measured, model in pieces]
+        line(
+            upper,
+            [(t, measured) for t, measured, _ in columns],
+            color=MEASURED,
+            # Wide enough to show on both sides of the model's line where the two agree.
+            linewidth=4.0,
+            label=labels[0],
+            solid_joinstyle="round",
+        )
+        line(upper, [(t, model) for t, _, model in columns], color=MODEL, linewidth=0.9, label=labels[1])
+        difference = [(t, measured - model) for t, measured, model in columns]
+        line(lower, difference, color=RESIDUAL, linewidth=0.8, label="difference")
+        lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
         for t, half in bands:
             # Largest number of points of a prediction band: it varies slowly.
             thinned = slice(None, None, max(1, len(t) // 300))
@@ -193,24 +206,6 @@ def _compared(
     handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
-
-
-def _draw(upper: Any, lower: Any, pieces: Pieces, joint: int, labels: tuple[str, str]) -> None:
-    """Draw the measured and the predicted line of a joint, and their difference on the lower axis."""
-    columns = [(t, measured[:, joint], model[:, joint]) for t, measured, model in pieces]
-    line(
-        upper,
-        [(t, measured) for t, measured, _ in columns],
-        color=MEASURED,
-        # Wide enough to show on both sides of the model's line where the two agree.
-        linewidth=4.0,
-        label=labels[0],
-        solid_joinstyle="round",
-    )
-    line(upper, [(t, model) for t, _, model in columns], color=MODEL, linewidth=0.9, label=labels[1])
-    difference = [(t, measured - model) for t, measured, model in columns]
-    line(lower, difference, color=RESIDUAL, linewidth=0.8, label="difference")
-    lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
 
 
 @styled

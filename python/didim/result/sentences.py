@@ -23,7 +23,16 @@ def sentence_of(finding: Finding) -> str:
     if "text" in finding.facts:
         return str(finding.facts["text"])
     if finding.code in CAUSES and "left" in finding.facts:
-        return _cause(finding)
+        facts = finding.facts
+        first = looks(finding.code, finding.joints, finding.value, facts)
+        text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
+        if facts.get("friction"):
+            named = series((f"{name} = {value:.3g}" for name, value in facts["friction"].items()), 40)
+            return f"{text}: friction would drive the robot ({named})"
+        return (
+            f"{text}: corrected, {percent(facts['left'])} % of the error remain (geometric mean; {facts['blocks']} of 10 held-out "
+            "blocks get better)"
+        )
     return WORDS[finding.code][0](finding)
 
 
@@ -32,7 +41,13 @@ def advice_of(finding: Finding) -> str:
     if "text" in finding.facts:
         return str(finding.facts.get("advice", ""))
     if finding.code in CAUSES and "left" in finding.facts:
-        return _cause_advice(finding)
+        facts = finding.facts
+        first = edit(finding.code, finding.joints, finding.value, facts)
+        ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
+        decide = f"What would decide: {CAUSES[finding.code][2]}"
+        if ties:
+            return ". ".join([first, *(f"Or {text}: this log does not show which" for text in ties), decide])
+        return first if finding.grade == "wrong" else f"{first}. {decide}"
     advice = WORDS[finding.code][1]
     return advice if isinstance(advice, str) else advice(finding)
 
@@ -61,29 +76,6 @@ def percents(shares: Sequence[float]) -> str:
 
 def _joints(finding: Finding) -> str:
     return joints_text(joint - 1 for joint in finding.joints)
-
-
-def _cause(finding: Finding) -> str:
-    facts = finding.facts
-    first = looks(finding.code, finding.joints, finding.value, facts)
-    text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
-    if facts.get("friction"):
-        named = series((f"{name} = {value:.3g}" for name, value in facts["friction"].items()), 40)
-        return f"{text}: friction would drive the robot ({named})"
-    return (
-        f"{text}: corrected, {percent(facts['left'])} % of the error remain (geometric mean; {facts['blocks']} of 10 held-out "
-        "blocks get better)"
-    )
-
-
-def _cause_advice(finding: Finding) -> str:
-    facts = finding.facts
-    advice = edit(finding.code, finding.joints, finding.value, facts)
-    ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
-    decide = f"What would decide: {CAUSES[finding.code][2]}"
-    if ties:
-        return ". ".join([advice, *(f"Or {text}: this log does not show which" for text in ties), decide])
-    return advice if finding.grade == "wrong" else f"{advice}. {decide}"
 
 
 # All other findings: (sentence, advice).

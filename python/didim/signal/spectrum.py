@@ -9,13 +9,9 @@ from ..log.recording import Recording
 
 ABOVE_NOISE = 10.0
 """Smallest ratio of the power spectrum to that of the position noise at which a frequency counts as motion."""
-LONGEST_PIECE = 16384
-"""Largest number of samples of a piece whose spectrum is computed."""
 PIECES = 16
 """Number of half overlapping pieces of a window whose spectra `contiguous_band` averages: the noise of 16 hardly ever exceeds
 `ABOVE_NOISE`, that of a single piece does at one frequency in a thousand."""
-SHORTEST_PIECE = 64
-"""Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise."""
 BAND = 0.99
 """Share of the velocity's power that lies within its band."""
 
@@ -88,7 +84,8 @@ def contiguous_band(recording: Recording) -> float:
     """
     start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
     size = 2 * (stop - start) // (PIECES + 1)
-    if size < SHORTEST_PIECE:
+    # Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise.
+    if size < 64:
         return 0.0
     band = 0.0
     for joint in range(recording.q.shape[1]):
@@ -109,7 +106,8 @@ def contiguous_band(recording: Recording) -> float:
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     """Return frequencies in Hz and in rad per sample, and the power of a joint's position, less the noise."""
     rate = recording.rate_hz
-    size = min([LONGEST_PIECE, *(stop - start for start, stop in recording.windows)])
+    # Largest number of samples of a piece whose spectrum is computed.
+    size = min([16384, *(stop - start for start, stop in recording.windows)])
     if size < 32:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     powers, lengths = [], []

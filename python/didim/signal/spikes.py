@@ -16,8 +16,6 @@ from .processing import SignalProcessing
 
 WINDOW = 11
 """Number of samples of the sliding window: short beside the motion, long enough for a median of noise."""
-SPIKE_THRESHOLD = 4.0
-"""Distance from the median, in robust standard deviations, beyond which a sample is a spike."""
 TAIL = 5.0
 """Ratio of a sample's bend to the bend that 95 % of the samples stay below, from which the sample may be a spike."""
 CERTAIN = 10.0
@@ -59,9 +57,8 @@ def hampel(values: Array) -> tuple[Array, NDArray[np.bool_]]:
         distance = np.abs(cleaned[:, column] - middle)
         # Rounding of constant signals is not a spike.
         floor = 1e-12 * np.abs(middle)
-        spikes[:, column] = distance > SPIKE_THRESHOLD * scale + np.maximum(
-            floor, _resolution(cleaned[:, column])
-        )
+        # Distance from the median, in robust standard deviations, beyond which a sample is a spike.
+        spikes[:, column] = distance > 4.0 * scale + np.maximum(floor, _resolution(cleaned[:, column]))
         cleaned[spikes[:, column], column] = middle[spikes[:, column]]
     return cleaned, spikes
 

@@ -25,9 +25,6 @@ from .unknown import Unknown
 
 Kind = Literal["payload", "offset", "friction", "gain"]
 
-DEPENDENT_COLUMN = 1e-9
-"""Norm of a unit column's component orthogonal to the others below which it depends on them: rounding."""
-
 
 @dataclass(frozen=True)
 class ColumnBlock:
@@ -145,7 +142,8 @@ def independent(vectors: Sequence[Array]) -> list[int]:
             for other in basis:
                 rest = rest - other * (other @ rest)
         left = np.linalg.norm(rest)
-        if left > DEPENDENT_COLUMN:
+        # Norm of a unit column's component orthogonal to the others below which it depends on them: rounding.
+        if left > 1e-9:
             basis.append(rest / left)
             chosen.append(index)
     return chosen
