@@ -86,12 +86,12 @@ def counted_before(revision: str) -> Counter[str]:
 
 
 CEILINGS = {
-    "files": 386,
-    "imports, share of the lines of code (%)": 10.8,
-    "constants that are numbers": 684,
-    "private functions that one place calls": 566,
-    "settings of results read as a table": 33,
-    "branches on the law of a friction term outside terms/": 87,
+    "files": 370,
+    "imports, share of the lines of code (%)": 10.6,
+    "constants that are numbers": 560,
+    "private functions that one place calls": 499,
+    "settings of results read as a table": 25,
+    "branches on the law of a friction term outside terms/": 67,
 }
 """Largest value of each measure: that of the last version which had fewer."""
 
