@@ -13,7 +13,7 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.errors import RecordingError
-from didim.log.formats.bam_file import BamFile
+from didim.log.bam_file import BamFile
 from test_pendulum import DELAY_S, GAINS, LOAD, LOADS, PENDULUM, RATE, TRUTH, commands, simulated
 
 UNIT = 0.08

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from .._tools.toml import quoted
 from .._tools.words import counted, series
-from ..log.formats.bam_file import Pendulum
+from ..log.bam_file import Pendulum
 from ..model.limbs import limbs_of
 from ..robot.robot import Robot
 from .loop_tables import of_actuators

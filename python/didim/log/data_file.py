@@ -26,7 +26,7 @@ READERS: dict[str, str | Reader] = {
     ".hdf5": "didim.log.hdf5_file:Hdf5File",
     ".pt": "didim.log.torch_file:TorchFile",
     ".pth": "didim.log.torch_file:TorchFile",
-    ".json": "didim.log.formats.bam_file:BamFile",
+    ".json": "didim.log.bam_file:BamFile",
 }
 """Readers of the other formats by suffix, or their location "module:name", imported when such a file is opened."""
 
@@ -88,7 +88,7 @@ def open_data_file(
     if text and path.suffix.lower() not in TEXT and path.exists():
         raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
     if path.suffix.lower() == ".mcap" and path.is_file():
-        from .formats.mcap_file import has_json, open_mcap_json
+        from .mcap_file import has_json, open_mcap_json
 
         if has_json(path):
             return open_mcap_json(path, name, topic)
@@ -97,7 +97,7 @@ def open_data_file(
 
         return RosBag(path, name, topic)
     if path.suffix.lower() == PARQUET or _is_dataset(path):
-        from .formats.parquet_file import open_parquet
+        from .parquet_file import open_parquet
 
         return open_parquet(path, name)
     raw = read_file(path, RecordingError, "no such data file", copies=2)

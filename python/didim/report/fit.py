@@ -115,11 +115,12 @@ def log_tiles(fit: Identification, experiment: Experiment) -> list[tuple[str, st
     """Return rate and filters of the log: value and label."""
     rates = sorted({recording.rate_hz for recording in experiment.recordings})
     shown = [(" and ".join(f"{rate:g} Hz" for rate in rates), "rate of the log")] if len(rates) < 3 else []
-    signal = fit.recorded_signal
-    if signal is not None:
-        factor = math.prod(signal.decimation)
+    signal = fit.settings.get("signal")
+    if signal:
+        cutoff = signal.get("cutoff_hz")
+        factor = math.prod(signal.get("decimation") or ())
         label = "cut-off" if factor == 1 else f"cut-off, 1 row of {factor} samples"
-        shown.append((f"{signal.cutoff_hz:g} Hz" if signal.cutoff_hz else "none", label))
+        shown.append((f"{cutoff:g} Hz" if cutoff else "none", label))
     return shown
 
 

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from ..._tools.inputs import check_expanded, read_file
-from ..._tools.plugins import optional
-from ..._tools.words import did_you_mean, listing
-from ...errors import RecordingError
-from ..array_file import ArrayFile
-from ..ros_bag import EXPANDED, mcap_content, mcap_records
+from .._tools.inputs import check_expanded, read_file
+from .._tools.plugins import optional
+from .._tools.words import did_you_mean, listing
+from ..errors import RecordingError
+from .array_file import ArrayFile
+from .ros_bag import EXPANDED, mcap_content, mcap_records
 
 CHANNEL = 4
 """Opcode of the MCAP record that describes a topic."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..array_file import ArrayFile
+from .array_file import ArrayFile
 
 SIGNALS = ("timestamp", "position", "goal_position")
 """Values of an entry that are read (s, rad, rad)."""

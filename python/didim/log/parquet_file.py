@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..._tools.inputs import check_expanded, read_file, read_small_file
-from ..._tools.plugins import optional
-from ...errors import RecordingError
-from ..array_file import ArrayFile
+from .._tools.inputs import check_expanded, read_file, read_small_file
+from .._tools.plugins import optional
+from ..errors import RecordingError
+from .array_file import ArrayFile
 
 INFO = Path("meta") / "info.json"
 """Path of a LeRobot dataset's description within its folder."""

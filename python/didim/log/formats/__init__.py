@@ -1,1 +1,0 @@
-"""Readers of formats that need further packages, each an extra of the project."""
