@@ -69,12 +69,7 @@ def whole(
 
 
 def share(
-    name: str,
-    value: object,
-    error: type[DidimError],
-    *,
-    most: float = 1.0,
-    inside: bool = False,
+    name: str, value: object, error: type[DidimError], *, most: float = 1.0, inside: bool = False
 ) -> float:
     """Return a number from zero to a bound, which are included unless it must be `inside` of them; other parameters as `whole`."""
     number = real_number(value)

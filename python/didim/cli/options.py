@@ -50,11 +50,7 @@ def tell(notes: Iterable[str]) -> None:
 
 
 def add_command(
-    commands: Commands,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    help_text: str,
-    *examples: str,
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], help_text: str, *examples: str
 ) -> argparse.ArgumentParser:
     """Add the parser of a command, and the function that runs it.
 

@@ -130,11 +130,7 @@ def json_schema(file: str) -> dict[str, Any]:
         for kind, mark in MARKS.items():
             any_file = {"if": {"required": [mark]}, "then": json_schema(kind), "else": any_file}
         return {"$schema": DRAFT, **any_file}
-    root: dict[str, Any] = {
-        "$schema": DRAFT,
-        "title": f"didim {file} file",
-        **_object(),
-    }
+    root: dict[str, Any] = {"$schema": DRAFT, "title": f"didim {file} file", **_object()}
     for path, key in _keys(file):
         # Free names are further properties.
         node = root

@@ -68,11 +68,7 @@ class Channel:
     def finding(self, **more: Any) -> Finding:
         """Make a finding on this channel."""
         return worded(
-            recording=self.recording.name,
-            file=self.file,
-            column=self.column,
-            joints=(self.number,),
-            **more,
+            recording=self.recording.name, file=self.file, column=self.column, joints=(self.number,), **more
         )
 
 

@@ -194,10 +194,7 @@ def _experiment(source: Robot | str | Path) -> Experiment:
             f"{robot.name}: joints without position actuators; give an experiment file with the gains (didim init ... --kp)"
         )
     law = Controller.pd(
-        gains["kp"],
-        gains.get("kv", 0.0),
-        reference_velocity=0.0,
-        saturation=gains.get("saturation", np.inf),
+        gains["kp"], gains.get("kv", 0.0), reference_velocity=0.0, saturation=gains.get("saturation", np.inf)
     )
     delay = Unknown(low=0.0, high=0.025, shared="robot")
     return Experiment(

@@ -92,13 +92,7 @@ class RecordingWriter:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        source: Log,
-        name: str,
-        file: str,
-        options: DraftOptions,
-        draft: Draft,
+        self, robot: Robot, source: Log, name: str, file: str, options: DraftOptions, draft: Draft
     ) -> None:
         self.robot, self.source, self.name, self.file = robot, source, name, file
         self.rate, self.gains, self.sides = options.rate_hz, options.gains, options.sides

@@ -41,10 +41,7 @@ _Settings = TypeVar("_Settings")
 
 
 def load_experiment(
-    path: str | Path,
-    *,
-    data: Path | str | None = None,
-    faults: list[tuple[str, TimeFault]] | None = None,
+    path: str | Path, *, data: Path | str | None = None, faults: list[tuple[str, TimeFault]] | None = None
 ) -> Experiment:
     """Read an experiment file and all the files it names.
 
@@ -287,9 +284,7 @@ def _delay_keys(table: Table) -> dict[str, Any]:
     return {"compensate_samples": value if isinstance(value, str) else table.number("compensate_samples")}
 
 
-def _parameters(
-    table: Table,
-) -> tuple[dict[str, float], tuple[str, ...], Literal["estimated", "fixed"]]:
+def _parameters(table: Table) -> tuple[dict[str, float], tuple[str, ...], Literal["estimated", "fixed"]]:
     """Return the fixed parameters, the dropped ones, and whether the links are fixed."""
     values = table.part("fixed")
     fixed = {key: values.number(key) for key in values.content}

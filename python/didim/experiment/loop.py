@@ -110,9 +110,7 @@ def _loops(log: Experiment, recording: Recording) -> Callable[[tuple[int, int]],
 
 
 def closed_loop(
-    experiment: Experiment,
-    recording: Recording | None = None,
-    window: tuple[int, int] | None = None,
+    experiment: Experiment, recording: Recording | None = None, window: tuple[int, int] | None = None
 ) -> ClosedLoop:
     """Return the closed loop of an experiment, over a window of a recording or over its own length.
 

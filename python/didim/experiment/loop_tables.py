@@ -60,12 +60,7 @@ def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
         harmonics, seed = table.integer("harmonics"), table.integer("seed")
         limits = {key: joint_values(table, key, robot, per) for key, per in _LIMITS.items()}
         return lambda: Reference.random_fourier(
-            harmonics=harmonics,
-            period_s=period,
-            offset=offset,
-            duration_s=duration,
-            seed=seed,
-            **limits,
+            harmonics=harmonics, period_s=period, offset=offset, duration_s=duration, seed=seed, **limits
         )
     factor, unit = _one_unit(table, "sine", robot)
     sine = np.array(table.matrix(f"sine_{unit}", None, n)) * factor
@@ -237,7 +232,7 @@ def _digital(table: Table, robot: Robot) -> Digital | None:
     return table.checked(
         lambda: Digital(
             sample_time_s=sample_time, delay_samples=delay, smoothing=tuple(fir), resolution=tuple(steps)
-        ),
+        )
     )
 
 
@@ -276,7 +271,7 @@ def _state(table: Table, robot: Robot) -> ControllerMemory:
     return table.checked(
         lambda: ControllerMemory(
             start="integrators", values=tuple(integrators), outputs=outputs, positions=positions
-        ),
+        )
     )
 
 

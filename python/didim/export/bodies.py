@@ -334,9 +334,7 @@ def joint_friction(
 
 
 def lost_friction(
-    values: Mapping[str, float],
-    terms: Sequence[FrictionTerm],
-    joints: Mapping[str, float],
+    values: Mapping[str, float], terms: Sequence[FrictionTerm], joints: Mapping[str, float]
 ) -> list[str]:
     """Return sentences on further terms: those in a line, with what it misses at each joint by name (N.m or N), and those left out.
 

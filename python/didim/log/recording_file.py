@@ -24,14 +24,7 @@ from .data_format import Windows
 from .recording import OWN, Recording, Role, clock
 from .resampling import resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
-from .units import (
-    ESTIMATE,
-    TEMPERATURE,
-    TIME,
-    effort_factors,
-    position_factors,
-    velocity_factors,
-)
+from .units import ESTIMATE, TEMPERATURE, TIME, effort_factors, position_factors, velocity_factors
 
 GAPS = "gaps"
 """Value of ``rollouts`` that starts a rollout at each gap of the time stamps; any other value names a column."""
@@ -283,12 +276,7 @@ def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
     )
 
 
-def _inside(
-    table: Table,
-    windows: Windows,
-    between_gaps: Windows,
-    rate_hz: float,
-) -> Windows:
+def _inside(table: Table, windows: Windows, between_gaps: Windows, rate_hz: float) -> Windows:
     """Refuse a window with a gap."""
     for start, stop in windows:
         if not any(first <= start and stop <= last for first, last in between_gaps):

@@ -214,11 +214,7 @@ def memory_columns(
     for joint in joints:
         if friction.model == "asymmetric":
             for side, part in (("+", np.maximum), ("-", np.minimum)):
-                yield (
-                    f"Fc{joint + 1}{side}",
-                    joint,
-                    part(held[:, joint], 0.0) - part(before[:, joint], 0.0),
-                )
+                yield (f"Fc{joint + 1}{side}", joint, part(held[:, joint], 0.0) - part(before[:, joint], 0.0))
         else:
             yield f"Fc{joint + 1}", joint, change[:, joint]
     for term in friction.terms:

@@ -35,10 +35,7 @@ def comparison_page(comparison: Comparison) -> str:
             f"{title_of(subject.method)}: {badge}",
             " ".join(sentences(comparison)),
             [
-                (
-                    duration(fit.elapsed),
-                    f"{title_of(method)}: {counted(fit.n_simulations, 'simulation')}",
-                )
+                (duration(fit.elapsed), f"{title_of(method)}: {counted(fit.n_simulations, 'simulation')}")
                 for method, fit in comparison.fits.items()
             ],
             (*comparison.notes, *comparison.remarks),

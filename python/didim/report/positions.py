@@ -25,7 +25,7 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
     ]
     badge = f"{judgement.state.value.capitalize()}. {status}"
     known = {key: values for key in ("before", "after", "held_out") if (values := record.errors.get(key))}
-    rows = [
+    errors = [
         (experiment.robot.joint_label(joint), *(milli(values[joint]) for values in known.values()))
         for joint in range(experiment.robot.n_dof)
     ]
@@ -49,7 +49,7 @@ def positions_page(fit: Identification, experiment: Experiment, record: Position
         ),
         section(
             "Errors of positions",
-            _shown([("rms error (mrad, mm)", *(key.replace("_", " ") for key in known)), *rows]),
+            _shown([("rms error (mrad, mm)", *(key.replace("_", " ") for key in known)), *errors]),
             picture(
                 plot.positions(fit, experiment),
                 "Positions commanded, measured and simulated of each joint, and their errors",

@@ -123,10 +123,7 @@ def _controller_gain(f: Finding) -> str:
         "declared one"
         for joint in f.facts["gains"]
     ]
-    return _law(
-        f,
-        "the log's controller has other gains: " + (series(parts, 80) or "several differ"),
-    )
+    return _law(f, "the log's controller has other gains: " + (series(parts, 80) or "several differ"))
 
 
 def _saturation(f: Finding) -> str:
@@ -418,10 +415,7 @@ WORDS: dict[str, Words] = {
         _uncertain,
         "Record a richer or longer motion, drop parameters under [parameters], or write physical = true under [least_squares]",
     ),
-    "constant-torque": (
-        _constant_torque,
-        "Look at the sensor and at columns under [recording.torque]",
-    ),
+    "constant-torque": (_constant_torque, "Look at the sensor and at columns under [recording.torque]"),
     "spikes": (
         lambda f: (
             f"{f.facts['count']} samples of the torques of {_joints(f)} ({percent(_value(f))} %) are isolated, far from their "

@@ -118,11 +118,7 @@ class Verdict:
     def lines(self) -> list[str]:
         """Return the reasons as lines under headings; empty without any."""
         lines = []
-        for grade, title in (
-            ("wrong", "Wrong:"),
-            ("doubtful", "Doubtful:"),
-            ("note", "Notes:"),
-        ):
+        for grade, title in (("wrong", "Wrong:"), ("doubtful", "Doubtful:"), ("note", "Notes:")):
             texts = [str(reason) for reason in self.reasons if reason.grade == grade]
             if texts:
                 lines += ["", title, *(f"  {text}" for text in texts)]

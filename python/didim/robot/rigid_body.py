@@ -75,11 +75,7 @@ def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
     pitch = math.atan2(-rotation[2, 0], level)
     if level < 1e-9:  # gimbal lock: only yaw minus or plus roll is defined
         return 0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])
-    return (
-        math.atan2(rotation[2, 1], rotation[2, 2]),
-        pitch,
-        math.atan2(rotation[1, 0], rotation[0, 0]),
-    )
+    return (math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
 
 
 def quaternion(rotation: Array) -> Array:

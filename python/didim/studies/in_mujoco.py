@@ -253,12 +253,7 @@ def _plain(drive: JointDrive) -> JointDrive:
 
 
 def _errors(
-    path: Path,
-    recordings: Sequence[Logged],
-    drives: Drives,
-    step_s: float | None,
-    *,
-    corrected: bool = False,
+    path: Path, recordings: Sequence[Logged], drives: Drives, step_s: float | None, *, corrected: bool = False
 ) -> tuple[Array, float]:
     """Root mean square error of each joint over all rollouts, and the step; `corrected` without the effects of the file's steps."""
     model = load_model(path)

@@ -348,11 +348,7 @@ def _left_out(
 
 
 def _parameters(
-    chain: Chain,
-    table: MdhTable,
-    set_name: str,
-    shares: Shares,
-    incomplete: Collection[str],
+    chain: Chain, table: MdhTable, set_name: str, shares: Shares, incomplete: Collection[str]
 ) -> tuple[dict[str, float], list[str]]:
     """Return the standard parameters of the file by name, and sentences on missing ones."""
     if lost := [member.link for group in chain.groups for member in group if member.link in incomplete]:

@@ -82,13 +82,7 @@ def torques_by_summation(
     parents = in_line(n_dof) if parents is None else parents
     zero = np.zeros((n_states, 3))
     # Per link: rotation, origin, angular velocity and acceleration, acceleration of the origin (the base accelerates upwards).
-    base = (
-        np.broadcast_to(np.eye(3), (n_states, 3, 3)),
-        zero,
-        zero,
-        zero,
-        np.tile(-gravity, (n_states, 1)),
-    )
+    base = (np.broadcast_to(np.eye(3), (n_states, 3, 3)), zero, zero, zero, np.tile(-gravity, (n_states, 1)))
     motions: list[tuple[Array, Array, Array, Array, Array]] = []
     joint_places, joint_axes = [], []
     torque = np.zeros((n_states, n_dof))
