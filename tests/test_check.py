@@ -20,8 +20,11 @@ from didim.cli.main import main
 from didim.diagnosis.finding import Findings
 from didim.diagnosis.limits import check_limits
 from didim.errors import FitError
+from didim.evidence.lasting import friction_findings
+from didim.evidence.rows import LogRows
 from didim.evidence.torques import constant_torque_findings
 from didim.loop.reference import Reference
+from didim.methods.measured import law_along
 from didim.result.finding import Finding, worded
 from didim.result.sentences import WORDS
 from didim.result.words.causes import CAUSES
@@ -76,28 +79,21 @@ def arm(project: Path) -> Experiment:
     return simulated_log(experiment, experiment.robot.parameter_set("reference"), noise=False)
 
 
-def turned(joint: int) -> Callable[[Array, Array], object]:
-    def plant(q: Array, tau: Array) -> None:
-        tau[:, joint - 1] *= -1.0
+def scaled(joint: int, q: float = 1.0, tau: float = 1.0) -> Callable[[Array, Array], object]:
+    """Position and torque of a joint times factors: a sign, a gain; a gear ratio that is declared too small is (f, 1 / f)."""
+
+    def plant(positions: Array, torques: Array) -> None:
+        positions[:, joint - 1] *= q
+        torques[:, joint - 1] *= tau
 
     return plant
 
 
-def exchanged(i: int, j: int, *, positions: bool, torques: bool) -> Callable[[Array, Array], object]:
+def exchanged(i: int, j: int, *keys: str) -> Callable[[Array, Array], object]:
     def plant(q: Array, tau: Array) -> None:
-        for values, wanted in ((q, positions), (tau, torques)):
-            if wanted:
+        for key, values in (("q", q), ("tau", tau)):
+            if key in keys:
                 values[:, [i - 1, j - 1]] = values[:, [j - 1, i - 1]]
-
-    return plant
-
-
-def geared(joint: int, factor: float) -> Callable[[Array, Array], object]:
-    """The gear ratio is declared ``factor`` times too small: positions too large, torques too small."""
-
-    def plant(q: Array, tau: Array) -> None:
-        q[:, joint - 1] *= factor
-        tau[:, joint - 1] /= factor
 
     return plant
 
@@ -127,9 +123,9 @@ def on_motor_side(log: Log, reduction: Array | None = REDUCTION) -> Log:
     return replace(log, q=log.q @ reduction.T, tau=log.tau @ np.linalg.inv(reduction))
 
 
-def clip(limit: float) -> Callable[[Array, Array], object]:
+def clip(joint: int, limit: float) -> Callable[[Array, Array], object]:
     def plant(q: Array, tau: Array) -> None:
-        tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+        tau[:, joint - 1] = np.clip(tau[:, joint - 1], -limit, limit)
 
     return plant
 
@@ -176,20 +172,43 @@ def test_logs_without_noise_raise_no_alarm(arm: Experiment) -> None:
     assert not check(arm)
 
 
-def test_degrees_for_radians(log: Log, tmp_path: Path) -> None:
-    item = alone(check(replace(log, q=np.degrees(log.q)).write(tmp_path)), "unit", (1, 2))
-    assert "were in deg, not in rad" in item.sentence
-    assert 'unit = "deg"' in item.advice
-
-
-def test_radians_for_degrees(log: Log, tmp_path: Path) -> None:
-    item = alone(check(replace(log, unit="deg").write(tmp_path)), "unit", (1, 2))
-    assert "were in rad, not in deg" in item.sentence
+@pytest.mark.parametrize(
+    ("factor", "declared", "real", "advice"),
+    [
+        (180.0 / np.pi, "rad", "deg", 'unit = "deg"'),
+        (1.0, "deg", "rad", 'unit = "rad"'),
+        (1e3, "rad", "mrad", "scale = 0.001 under [recording.position]"),
+    ],
+)
+def test_positions_in_another_unit(
+    log: Log, tmp_path: Path, factor: float, declared: str, real: str, advice: str
+) -> None:
+    path = replace(log, q=factor * log.q, unit=declared).write(tmp_path)
+    item = alone(check(path), "unit", (1, 2))
+    assert f"were in {real}, not in {declared}" in item.sentence
+    assert advice in item.advice
+    right = (
+        advice.partition(" under")[0]
+        if "unit" in advice
+        else f'unit = "rad"\n{advice.partition(" under")[0]}'
+    )
+    path.write_text(path.read_text(encoding="utf-8").replace(f'unit = "{declared}"', right), encoding="utf-8")
+    assert not check(path)
 
 
 @pytest.mark.slow
-def test_torque_of_the_wrong_sign(short_tx40: Log, tmp_path: Path) -> None:
-    alone(check(short_tx40.change(turned(6)).write(tmp_path)), "torque-sign", (6,))
+@pytest.mark.parametrize(
+    ("plant", "kind", "joints"),
+    [(scaled(6, tau=-1.0), "torque-sign", (6,)), (exchanged(2, 5, "tau"), "swapped-torques", (2, 5))],
+)
+def test_torques_of_six_joints(
+    short_tx40: Log,
+    tmp_path: Path,
+    plant: Callable[[Array, Array], object],
+    kind: str,
+    joints: tuple[int, ...],
+) -> None:
+    alone(check(short_tx40.change(plant).write(tmp_path)), kind, joints)
 
 
 def test_wrong_sign_of_a_small_robot(arm: Experiment) -> None:
@@ -204,36 +223,20 @@ def test_wrong_sign_of_a_small_robot(arm: Experiment) -> None:
     assert item.facts["friction"]
 
 
-def test_position_of_the_wrong_sign(log: Log, tmp_path: Path) -> None:
-    def plant(q: Array, tau: Array) -> None:
-        q[:, 0] *= -1.0
-
-    alone(check(log.change(plant).write(tmp_path)), "position-sign", (1,))
-
-    def both(q: Array, tau: Array) -> None:
-        q[:, 1] *= -1.0
-        tau[:, 1] *= -1.0
-
-    alone(check(log.change(both).write(tmp_path)), "joint-sign", (2,))
-
-
 @pytest.mark.parametrize(
-    ("positions", "torques", "kind"),
+    ("plant", "kind", "joints"),
     [
-        (False, True, "swapped-torques"),
-        (True, False, "swapped-positions"),
-        (True, True, "swapped-joints"),
+        (scaled(1, q=-1.0), "position-sign", (1,)),
+        (scaled(2, q=-1.0, tau=-1.0), "joint-sign", (2,)),
+        (exchanged(1, 2, "tau"), "swapped-torques", (1, 2)),
+        (exchanged(1, 2, "q"), "swapped-positions", (1, 2)),
+        (exchanged(1, 2, "q", "tau"), "swapped-joints", (1, 2)),
     ],
 )
-def test_columns_exchanged(log: Log, tmp_path: Path, positions: bool, torques: bool, kind: str) -> None:
-    spoiled = log.change(exchanged(1, 2, positions=positions, torques=torques))
-    alone(check(spoiled.write(tmp_path)), kind, (1, 2))
-
-
-@pytest.mark.slow
-def test_two_of_six_torques_exchanged(short_tx40: Log, tmp_path: Path) -> None:
-    spoiled = short_tx40.change(exchanged(2, 5, positions=False, torques=True))
-    alone(check(spoiled.write(tmp_path)), "swapped-torques", (2, 5))
+def test_signs_and_exchanged_columns(
+    log: Log, tmp_path: Path, plant: Callable[[Array, Array], object], kind: str, joints: tuple[int, ...]
+) -> None:
+    alone(check(log.change(plant).write(tmp_path)), kind, joints)
 
 
 def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
@@ -293,8 +296,7 @@ def test_dead_encoder(log: Log, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("limit", [5.0, 9.0])
 def test_clipped_torque(log: Log, tmp_path: Path, limit: float) -> None:
-    spoiled = log.change(clip(limit))
-    item = alone(check(spoiled.write(tmp_path)), "clipped", (2,))
+    item = alone(check(log.change(clip(2, limit)).write(tmp_path)), "clipped", (2,))
     assert (item.file, item.column) == ("log.csv", "tau2")
     assert item.sample == int(np.argmax(np.abs(log.tau[:, 1]) >= limit))
     assert f"{limit:g}" in item.sentence
@@ -303,12 +305,8 @@ def test_clipped_torque(log: Log, tmp_path: Path, limit: float) -> None:
 @pytest.mark.slow
 def test_clipped_current_of_a_motor_is_found_behind_the_coupling(short_tx40: Log, tmp_path: Path) -> None:
     motors = replace(on_motor_side(short_tx40), side="motor")
-    limit = 0.8 * np.abs(motors.tau[:, 4]).max()
-
-    def plant(q: Array, tau: Array) -> None:
-        tau[:, 4] = np.clip(tau[:, 4], -limit, limit)
-
-    item = alone(check(motors.change(plant).write(tmp_path)), "clipped", (5,))
+    clipped = motors.change(clip(5, 0.8 * np.abs(motors.tau[:, 4]).max()))
+    item = alone(check(clipped.write(tmp_path)), "clipped", (5,))
     assert "motor 5" in item.sentence
     assert item.column == "tau5"
 
@@ -369,30 +367,47 @@ def test_joint_that_does_not_move(tmp_path: Path) -> None:
     assert not {"ZZ1R", "Fv3", "Fc5", "Ia6"} & set(item.parameters)
 
 
-@pytest.mark.parametrize("step", [50])
-def test_too_slow_a_recording(tx40: Log, tmp_path: Path, step: int) -> None:
-    item = check(every(tx40, step).write(tmp_path))[0]
-    assert (item.kind, item.value) == ("too-slow", 1000.0 / step)
-    slow_filters = replace(every(tx40, step), signal="\n[signal]\ncutoff_hz = 5\n")
+def test_too_slow_a_recording(tx40: Log, tmp_path: Path) -> None:
+    slow = every(tx40, 50)
+    item = check(slow.write(tmp_path))[0]
+    assert (item.kind, item.value) == ("too-slow", 20.0)
+    slow_filters = replace(slow, signal="\n[signal]\ncutoff_hz = 5\n")
     assert [item.kind for item in check(slow_filters.write(tmp_path))] == ["too-slow"]
 
 
-def test_a_recording_slower_than_its_filter(log: Log, tmp_path: Path) -> None:
-    spoiled = replace(every(log, 2), signal="\n[signal]\ncutoff_hz = 250\n")
-    item = alone(check(spoiled.write(tmp_path)), "too-slow")
-    assert "cut-off of 250 Hz" in item.sentence
+@pytest.mark.parametrize(
+    ("step", "signal", "kind", "words"),
+    [
+        (2, "cutoff_hz = 250", "too-slow", "cut-off of 250 Hz"),
+        (
+            1,
+            "cutoff_hz = 60\ntrim_start = 4000\ntrim_end = 2000",
+            "signal",
+            "trimming 4000 and 2000 samples leaves nothing",
+        ),
+    ],
+)
+def test_filters_that_do_not_suit_the_log(
+    log: Log, tmp_path: Path, step: int, signal: str, kind: str, words: str
+) -> None:
+    spoiled = replace(every(log, step), signal=f"\n[signal]\n{signal}\n")
+    assert words in alone(check(spoiled.write(tmp_path)), kind).sentence
 
 
-@pytest.mark.parametrize(("joint", "factor"), [(1, 0.9), (2, 1.25)])
-def test_wrong_gear_ratio(log: Log, tmp_path: Path, joint: int, factor: float) -> None:
-    item = alone(check(log.change(geared(joint, factor)).write(tmp_path)), "gear-ratio", (joint,))
-    assert item.value == pytest.approx(factor, rel=0.03)
+@pytest.mark.parametrize(
+    ("joint", "factor", "known"),
+    [(1, 0.9, None), (2, 1.25, None), (1, 0.9, "reference"), (2, 0.9, "reference")],
+)
+def test_wrong_gear_ratio(log: Log, tmp_path: Path, joint: int, factor: float, known: str | None) -> None:
+    path = log.change(scaled(joint, factor, 1.0 / factor)).write(tmp_path)
+    item = alone(check(path, known), "gear-ratio", (joint,))
+    assert item.value == pytest.approx(factor, rel=0.02 if known else 0.03)
 
 
 @pytest.mark.slow
 def test_gears_that_stand_for_each_other_are_both_named(tx40: Log, tmp_path: Path) -> None:
     """With rows at 50 Hz the gear of joint 6 and the reciprocal factor at joint 5 leave nearly the same residual."""
-    spoiled = replace(tx40.change(geared(6, 0.9)), signal=SIGNAL.replace("[5, 10]", "[5, 4]"))
+    spoiled = replace(tx40.change(scaled(6, 0.9, 1.0 / 0.9)), signal=SIGNAL.replace("[5, 10]", "[5, 4]"))
     item = alone(check(spoiled.write(tmp_path)), "gear-ratio", (6,))
     (tie,) = item.facts["ties"]
     assert (tie["code"], tie["joints"]) == ("gear-ratio", [5])
@@ -401,23 +416,12 @@ def test_gears_that_stand_for_each_other_are_both_named(tx40: Log, tmp_path: Pat
     assert "this log does not show which" in item.advice
 
 
-@pytest.mark.parametrize("joint", [1, 2])
-def test_wrong_gear_ratio_with_known_parameters(log: Log, tmp_path: Path, joint: int) -> None:
-    path = log.change(geared(joint, 0.9)).write(tmp_path)
-    item = alone(check(path, "reference"), "gear-ratio", (joint,))
-    assert item.value == pytest.approx(0.9, rel=0.02)
-
-
 def test_wrong_gain_of_one_joint_with_the_fit_of_another_log(
     arm: Experiment, log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fit = didim.identify(measured(arm, 5))
     fit.save(tmp_path / "fit.json")
-
-    def plant(q: Array, tau: Array) -> None:
-        tau[:, 1] *= 1.25
-
-    path = log.change(plant).write(tmp_path)
+    path = log.change(scaled(2, tau=1.25)).write(tmp_path)
     assert main(["check", str(path), "--parameters", str(tmp_path / "fit.json")]) == 1
     shown = capsys.readouterr().out
     assert shown.startswith("log: 1 finding\n- drive-gain: the torque of joint 2")
@@ -427,7 +431,7 @@ def test_wrong_gain_of_one_joint_with_the_fit_of_another_log(
 
 
 def test_several_defects_are_told_together(short_tx40: Log, tmp_path: Path) -> None:
-    spoiled = without(short_tx40.change(turned(3)).change(clip(40.0)), 2000, 2007)
+    spoiled = without(short_tx40.change(scaled(3, tau=-1.0)).change(clip(2, 40.0)), 2000, 2007)
     assert {item.kind for item in check(spoiled.write(tmp_path))} == {"gap", "clipped", "torque-sign"}
 
 
@@ -456,12 +460,6 @@ def test_log_without_torques(exact: Experiment) -> None:
     (recording,) = exact.recordings
     bare = Recording.from_arrays(recording.q, rate_hz=recording.rate_hz)
     alone(check(replace(exact, recordings=(bare,))), "no-torque")
-
-
-def test_filters_that_do_not_suit_the_log(log: Log, tmp_path: Path) -> None:
-    spoiled = replace(log, signal="\n[signal]\ncutoff_hz = 60\ntrim_start = 4000\ntrim_end = 2000\n")
-    item = alone(check(spoiled.write(tmp_path)), "signal")
-    assert "trimming 4000 and 2000 samples leaves nothing" in item.sentence
 
 
 def test_wrong_input(log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -603,16 +601,6 @@ def test_radians_of_motors_declared_as_degrees_of_joints(short_tx40: Log, tmp_pa
     assert 'unit = "rad" for the positions' in item.advice
 
 
-def test_milliradians(log: Log, tmp_path: Path) -> None:
-    item = alone(check(replace(log, q=1e3 * log.q).write(tmp_path)), "unit", (1, 2))
-    assert "were in mrad, not in rad" in item.sentence
-    assert "scale = 0.001 under [recording.position]" in item.advice
-    path = replace(log, q=1e3 * log.q).write(tmp_path)
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('unit = "rad"', 'unit = "rad"\nscale = 0.001'), encoding="utf-8")
-    assert not check(path)
-
-
 @pytest.mark.parametrize("known", ["the parameter set", "the limits", "neither"])
 @pytest.mark.parametrize("factor", [1.0, 10.0, 1000.0])
 def test_torques_in_millinewton_metres(
@@ -708,3 +696,122 @@ def test_the_verdict_knows_the_standstill_of_check() -> None:
     assert "standstill" not in {item.code for item in didim.identify(healed).verdict.reasons}
     (slight,) = [item for item in didim.identify(stop_and_go(2)).verdict.reasons if item.code == "standstill"]
     assert slight.grade == "note"
+
+
+@pytest.fixture(scope="module")
+def plain_arm(project: Path) -> Experiment:
+    experiment = load_experiment(project / "examples" / "planar2_simulation.toml")
+    signal = SignalProcessing(cutoff_hz=50, trim_start=50, trim_end=50, decimation=(10,))
+    return replace(experiment, signal=signal)
+
+
+def planar_log(plain_arm: Experiment, **values: float) -> Experiment:
+    """A log of the planar plain_arm with other parameters."""
+    x = plain_arm.robot.parameter_set("reference").copy()
+    for name, value in values.items():
+        x[plain_arm.robot.parameter_names.index(name)] = value
+    return measured(simulated_log(plain_arm, x, noise=False), 1)
+
+
+def test_joints_that_share_nothing_are_noted_and_are_no_finding(plain_arm: Experiment) -> None:
+    found = check(planar_log(plain_arm, MX2=0.0, ZZ2=1e-4, Ia2=0.05))
+    assert not found.items, str(found)
+    (note,) = found.notes
+    assert "the drive gains of joints 1 and 2 cannot be checked by this log" in note
+    assert str(found).splitlines()[1] == f"Note: {note}."
+    assert found.to_dict()["notes"] == [note]
+
+
+def test_nothing_is_noted_where_the_log_checks_all_gains(plain_arm: Experiment) -> None:
+    found = check(planar_log(plain_arm))
+    assert (found.items, found.notes) == ((), ()), str(found)
+
+
+def test_friction_that_differs_between_recordings_is_a_finding(plain_arm: Experiment) -> None:
+    fc = dict(zip(plain_arm.robot.parameter_names, plain_arm.robot.parameter_set("reference"), strict=True))[
+        "Fc1"
+    ]
+    (first,) = planar_log(plain_arm).recordings
+    warmer, same = (planar_log(plain_arm, Fc1=factor * fc).recordings[0] for factor in (0.8, 1.0))
+    alike = replace(plain_arm, recordings=(first, replace(same, name="again")))
+    assert not [item for item in check(alike).items if item.kind == "drift"]
+    found = check(replace(plain_arm, recordings=(first, replace(warmer, name="warm"))))
+    (item,) = (item for item in found.items if item.kind == "drift" and "Fc1" in item.sentence)
+    assert (item.joints, item.recording) == ((1,), "warm")
+    assert item.value is not None
+    assert item.value == pytest.approx(-0.2 * fc, rel=0.3)
+
+
+def test_check_says_by_how_much_the_friction_of_a_log_differs(plain_arm: Experiment) -> None:
+    known = dict(
+        zip(plain_arm.robot.parameter_names, plain_arm.robot.parameter_set("reference"), strict=True)
+    )
+    (first,) = planar_log(plain_arm).recordings
+    (other,) = planar_log(plain_arm, **{name: 0.85 * known[name] for name in ("Fv1", "Fc1")}).recordings
+    found = check(replace(plain_arm, recordings=(first, replace(other, name="warm"))))
+    (item,) = (item for item in found.items if item.kind == "drift" and item.facts["of"] == "friction")
+    assert item.joints == (1,)
+    (level,) = item.facts["levels"]
+    assert (level["recording"], level["joint"]) == ("warm", 1)
+    assert level["share"] == pytest.approx(-0.15, abs=min(0.02, 4.0 * level["std"]))
+    assert f"(warm: joint 1 {-100.0 * level['share']:.2g} % lower, " in item.sentence
+    assert "sigma): warmer, or loaded? Most by -" in item.sentence
+
+
+def test_the_law_is_judged_with_the_friction_of_the_simulation(plain_arm: Experiment) -> None:
+    """A digital controller and friction that the simulation smooths: no law of friction is missed beside it."""
+    log = replace(planar_log(plain_arm), robot=plain_arm.robot)
+    along = law_along(didim.identify(log), log, didim.CLOE())
+    assert along is not None
+    rows = LogRows(along.robot, along.signal, along.parts, logs=along.logs)
+    assert friction_findings(rows, None, chosen=False) == []
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_torque_that_is_noise_alone_is_a_finding_where_the_joint_moves(
+    plain_arm: Experiment, moves: bool
+) -> None:
+    log = planar_log(plain_arm)
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(recording.tau))
+    tau = np.column_stack([recording.tau[:, 0], 3.0 + noise])
+    flat = replace(log, recordings=(replace(recording, q=recording.q * [1.0, float(moves)], tau=tau),))
+    assert ("constant-torque" in [item.code for item in check(flat)]) is moves
+    if moves:
+        assert "constant-torque" in [item.code for item in didim.identify(flat).verdict.grave]
+
+
+def test_notes_stand_before_the_table_of_the_closed_loop() -> None:
+    shown = str(Findings("log", closed_loop=(("joint", "kp"), ("1", "1.00")), notes=("a gain is open",)))
+    assert shown.splitlines()[:3] == ["log: nothing found.", "Note: a gain is open.", ""]
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.9])
+def test_a_factor_is_found_to_the_percent_and_none_where_none_is(
+    plain_arm: Experiment, factor: float
+) -> None:
+    """The scale of the position of joint 2, noise and friction of the plain_arm beside it."""
+    log = planar_log(plain_arm)
+    (recording,) = log.recordings
+    scaled = replace(log, recordings=(replace(recording, q=recording.q * [1.0, factor]),))
+    found = [item for item in check(scaled) if "ties" in item.facts]
+    if factor == 1.0:
+        assert found == []
+    else:
+        (item,) = found
+        named = [(item.code, item.value), *((tie["code"], tie["value"]) for tie in item.facts["ties"])]
+        (value,) = [value for code, value in named if code == "position-scale"]
+        assert value == pytest.approx(1.0 / factor, rel=0.02)
+
+
+def test_the_causes_of_friction_say_what_a_file_takes(plain_arm: Experiment, tmp_path: Path) -> None:
+    """What the advice says to write is read: friction = "auto" at the top of a file, as it once said, is not."""
+    robot = didim.load_robot("planar2")
+    for line in ("stribeck = true", 'terms = "auto"', 'coulomb = "tanh"\nsmoothing_rad_s = 0.01'):
+        path = tmp_path / "robot.toml"
+        robot_text = (Path(didim.__file__).parent / "packaged" / "robots" / "planar2.toml").read_text(
+            encoding="utf-8"
+        )
+        path.write_text(f"{robot_text}\n[friction]\n{line}\n", encoding="utf-8")
+        assert didim.load_robot(path).n_dof == robot.n_dof

@@ -13,33 +13,7 @@ from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.signal.filters import decimation_stages, least_samples
 from didim.signal.processing import SignalProcessing
-
-ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.01)
-TEXT = """schema = 1
-robot = "planar2"
-[friction]
-coulomb = "tanh"
-smoothing_rad_s = 0.01
-[[recording]]
-rate_hz = 1000
-[recording.time]
-file = "log.csv"
-columns = ["t"]
-unit = "s"
-[recording.position]
-file = "log.csv"
-columns = ["q1", "q2"]
-unit = "rad"
-side = "joint"
-[recording.torque]
-file = "log.csv"
-columns = ["tau1", "tau2"]
-unit = "N.m"
-side = "joint"
-[signal]
-cutoff_hz = 40
-decimation = [10, 8]
-"""
+from planted import Log
 
 
 @pytest.mark.parametrize("factors", [(), (10,), (10, 8), (3, 3, 3)])
@@ -64,19 +38,17 @@ def test_gaps_leave_stretches_that_are_too_short_for_the_filters(tmp_path: Path)
     rng = np.random.default_rng(2)
     sine, cosine = rng.uniform(-0.25, 0.25, (2, 4, 2))
     reference = Reference.fourier(sine, cosine, period_s=10.0, duration_s=20.0)
+    robot = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.01)
     law = Controller.pd(kp=[900.0, 300.0], kv=[60.0, 20.0])
-    run = didim.simulate(ROBOT, ROBOT.parameter_set("reference"), reference, law, rate_hz=1000.0)
+    run = didim.simulate(robot, robot.parameter_set("reference"), reference, law, rate_hz=1000.0)
     lost = np.unique([begin + 2400 * k for begin in (600, 640, 901) for k in range(8)])
     kept = np.setdiff1d(np.arange(len(run.t)), lost)
-    table = np.column_stack([run.t, run.q, run.tau + 0.1 * rng.standard_normal(run.tau.shape)])[kept]
-    np.savetxt(
-        tmp_path / "log.csv", table, fmt="%.9g", delimiter=",", header="t,q1,q2,tau1,tau2", comments=""
-    )
-    (tmp_path / "log.toml").write_text(TEXT)
-    kinds = {finding.kind for finding in didim.check(tmp_path / "log.toml")}
+    tau = run.tau + 0.1 * rng.standard_normal(run.tau.shape)
+    signal = "\n[signal]\ncutoff_hz = 40\ndecimation = [10, 8]\n"
+    path = Log(run.t[kept], run.q[kept], tau[kept], robot="planar2", signal=signal).write(tmp_path)
+    kinds = {finding.kind for finding in didim.check(path)}
     assert "gap" in kinds
     assert "signal" not in kinds  # that the log cannot be filtered
-    (tmp_path / "even.toml").write_text(TEXT.replace('unit = "s"', 'unit = "s"\nresample = true'))
-    assert not didim.check(tmp_path / "even.toml")
-    fit = didim.identify(didim.load_experiment(tmp_path / "even.toml"), didim.IDIMLS())
-    assert fit.overall_relative_error < 0.02
+    path.write_text(path.read_text().replace('unit = "s"', 'unit = "s"\nresample = true'))
+    assert not didim.check(path)
+    assert didim.identify(didim.load_experiment(path), didim.IDIMLS()).overall_relative_error < 0.02

@@ -14,6 +14,12 @@ ONE_SOLUTION, SEARCHED = 1e-8, 1e-6
 Kernels for two processors differ by 2e-11 and 1e-8."""
 
 
+def test_friction_chosen_on_a_ur10e_takes_a_third_of_the_error() -> None:
+    plain, auto = (known()[f"ls-ur10e{choice}"] for choice in ("", "-auto"))
+    assert {"Fl2", "Fl3"} <= set(auto["names"])
+    assert sum(auto["relative_error"]) < (1.0 - 1.0 / 3.0) * sum(plain["relative_error"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_case_has_the_numbers_of_0_3_0(name: str) -> None:

@@ -348,7 +348,7 @@ def test_the_filter_of_an_actuator_is_fitted_and_exported(tmp_path: Path) -> Non
     """The file's own filter is held by default; as an unknown its time constant is found, and written into the file."""
     truth, r = (
         arm_text(truth=True).replace("<position kp", '<position timeconst="0.05" kp'),
-        arm_commands(np.random.default_rng(3)),
+        arm_commands(np.random.default_rng(3), 450),
     )
     np.savez(tmp_path / "log.npz", q=followed(mujoco, truth, r, 50.0, ARM_DELAY_S), r=r)
     for seconds, unknown in (("0.05", ""), ("0.03", "lag_s = {}\n")):

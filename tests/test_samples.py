@@ -180,7 +180,7 @@ def test_files_of_samples(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_fleet_moves_as_the_draws_of_its_logs(tmp_path: Path) -> None:
     """Six arms with spreads of 15 to 20 %, simulated by MuJoCo: their logs tell the spread, and draws what six others do."""
     bench = script(ROOT / "benches" / "positions.py")
-    fit, arms, shares = bench.fleet(tmp_path, 12, 8.0, 60)
+    fit, arms, shares = bench.fleet(tmp_path, 12, 5.0, 60)
     samples = fit.samples(100)
     for kind in ("Ia", "Fv", "Fc"):
         found = samples.runs[np.array(samples.kinds) == kind]
