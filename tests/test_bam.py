@@ -74,15 +74,12 @@ def test_the_arm_is_a_rod() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            {"entries": [{"torque_enable": False}]},
-            "log.json: the servo is off in the whole log; leave it out",
-        ),
+        ({"entries": [{"torque_enable": False}]}, "log.json: the servo is off in the whole log; leave it out"),
         ({"kp": 0}, "log.json: kp, mass and length of a log by BAM must be above 0"),
         ({"length": float("nan")}, "log.json: kp, mass and length of a log by BAM must be above 0"),
         ({"entries": 3}, "log.json: this is not a readable BAM file"),
     ],
-)
+)  # fmt: skip
 def test_other_files_are_refused(change: dict[str, Any], message: str) -> None:
     whole = content(np.zeros(200), np.zeros(200), kp=8, mass=0.2, length=0.1)
     with pytest.raises(RecordingError, match=message):

@@ -379,14 +379,9 @@ def test_too_slow_a_recording(tx40: Log, tmp_path: Path) -> None:
     ("step", "signal", "kind", "words"),
     [
         (2, "cutoff_hz = 250", "too-slow", "cut-off of 250 Hz"),
-        (
-            1,
-            "cutoff_hz = 60\ntrim_start = 4000\ntrim_end = 2000",
-            "signal",
-            "trimming 4000 and 2000 samples leaves nothing",
-        ),
+        (1, "cutoff_hz = 60\ntrim_start = 4000\ntrim_end = 2000", "signal", "trimming 4000 and 2000 samples leaves nothing"),
     ],
-)
+)  # fmt: skip
 def test_filters_that_do_not_suit_the_log(
     log: Log, tmp_path: Path, step: int, signal: str, kind: str, words: str
 ) -> None:

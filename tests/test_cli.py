@@ -149,17 +149,11 @@ def test_help_lists_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            ("--solver", "hubert"),
-            "there is no solver 'hubert'; did you mean 'huber'? (there are: least-squares,",
-        ),
+        (("--solver", "hubert"), "there is no solver 'hubert'; did you mean 'huber'? (there are: least-squares,"),
         (("--method", "cloe", "--solver", "huber"), "--solver is not for method 'cloe'"),
-        (
-            ("--method", "idim-iv", "--solver", "huber"),
-            "IDIM-IV solves the linear system with its instruments",
-        ),
+        (("--method", "idim-iv", "--solver", "huber"), "IDIM-IV solves the linear system with its instruments"),
     ],
-)
+)  # fmt: skip
 def test_choices_that_a_method_does_not_have(
     arm: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -250,10 +244,7 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (("planar2", "planar9"), "planar9"),
         (("schema = 1", "schema = 1 2"), "arm.toml"),
         (("cutoff_hz = 40", "cutoff_hz = 1e-9"), "rounding spoils a filter of order 4 at 1e-09 Hz"),
-        (
-            ("cutoff_hz = 40", "cutoff_hz = 40\norder = 1000"),
-            "[signal] order must be at most 10, got 1000",
-        ),
+        (("cutoff_hz = 40", "cutoff_hz = 40\norder = 1000"), "[signal] order must be at most 10, got 1000"),
         (
             ("cutoff_hz = 40", 'cutoff_hz = 5\norder = 10\nform = "transfer-function"'),
             "recording 'recording 1': rounding spoils a filter of order 10 at 5 Hz, sampled at 500 Hz",
@@ -261,32 +252,20 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (("decimation = [5]", "decimation = [1000000000]"), "decimation by 1000000000 needs more than"),
         (("rate_hz = 500", "rate_hz = 1e300"), "sampled at 1e+300 Hz"),
         (("rate_hz = 500", "rate_hz = 1e-310"), "t is inf at sample 1"),
-        (
-            ("[signal]", "[parameters.fixed]\nFv1 = 1e308\n[signal]"),
-            "the torques of the fixed parameters are too",
-        ),
-        (
-            ("[signal]", "[parameters.fixed]\nFv1 = 1e160\n[signal]"),
-            "torques of joint 1 are too large to be sq",
-        ),
+        (("[signal]", "[parameters.fixed]\nFv1 = 1e308\n[signal]"), "the torques of the fixed parameters are too"),
+        (("[signal]", "[parameters.fixed]\nFv1 = 1e160\n[signal]"), "torques of joint 1 are too large to be sq"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e200'), "the torques of joint 1 are too large to be squared"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 1 is -inf at sample 0"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e-200'), "the torques of joint 1 are too small to be squared"),
-        (
-            ('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'),
-            "a position is at most 1e+09 rad or m; check its unit",
-        ),
-        (
-            ("cutoff_hz = 40", "cutoff_hz = 1" + 400 * "0"),
-            "[signal] cutoff_hz must be a finite number, got 1000",
-        ),
+        (('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'), "a position is at most 1e+09 rad or m; check its unit"),
+        (("cutoff_hz = 40", "cutoff_hz = 1" + 400 * "0"), "[signal] cutoff_hz must be a finite number, got 1000"),
         (("decimation = [5]", "decimation = 1" + 400 * "0"), "decimation must be an integer of at most 922"),
         (("cutoff_hz = 40", "cutoff_hz = 1" + 5000 * "0"), "arm.toml: not valid TOML, Exceeds the limit"),
         (("cutoff_hz = 40", "cutoff_hz = " + 9000 * "["), "arm.toml: not valid TOML, "),
         (("log.npz", "data\\u0000.npz"), "is not a file name"),
         (("planar2", "planar2\\u0000.toml"), "is not a file name"),
     ],
-)
+)  # fmt: skip
 def test_wrong_input_is_one_line_and_exit_2(
     arm: Path, change: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

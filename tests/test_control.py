@@ -216,25 +216,16 @@ def digital(**changes: Any) -> Digital:
         (lambda: Controller.pd("a", 1.0), "kp must be an array of real numbers"),
         (lambda: Controller.pd(ONE, ONE, gain=0.0), "the drive gain of joint 1 is zero"),
         (lambda: Controller.pd(ONE, ONE, gain=[1.0] * 3), "gain needs 2 numbers, one per joint, got 3"),
-        (
-            lambda: Controller.pd(ONE, ONE, saturation=[1.0, 0.0]),
-            "the saturation of joint 2 must be positive",
-        ),
+        (lambda: Controller.pd(ONE, ONE, saturation=[1.0, 0.0]), "the saturation of joint 2 must be positive"),
         (lambda: Controller.pd(ONE, ONE, saturation=math.nan), "saturation must be finite, got nan"),
         (lambda: Controller.pid(ONE, ONE, [1.0] * 3), "kp needs 3 numbers, one per joint, got 2"),
         (lambda: Controller.cascade(ONE, ONE, integral_time_s=0.0), "integral_time_s must be positive, got"),
-        (
-            lambda: Controller.tuned([1.0, -1.0], 0.7, ONE),
-            "natural_frequency_hz must be positive, got [1.0, -1",
-        ),
+        (lambda: Controller.tuned([1.0, -1.0], 0.7, ONE), "natural_frequency_hz must be positive, got [1.0, -1"),
         (lambda: Controller.tuned([1e308, 1.0], 0.7, ONE), "kp must be finite, got [inf, "),
         (lambda: Controller.tuned(ONE, 0.0, ONE), "damping must be positive, got [0.0, 0.0]"),
         (lambda: Controller.tuned(ONE, 0.7, [1.0, -2.0]), "inertia must be positive, got [1.0, -2.0]"),
         (lambda: Controller.tuned(ONE, 0.7, ONE, gain=0.0), "gain must not be zero, got [0.0, 0.0]"),
-        (
-            lambda: Controller.tuned(ONE, 0.7, ONE, gain=[1.0] * 3),
-            "gain needs 2 numbers, one per joint, got 3",
-        ),
+        (lambda: Controller.tuned(ONE, 0.7, ONE, gain=[1.0] * 3), "gain needs 2 numbers, one per joint, got 3"),
         (lambda: fed(np.zeros((5, 3))), "tau must have shape (n_samples, 2), got (5, 3)"),
         (lambda: fed(np.zeros(5)), "tau must have shape (n_samples, 2), got (5,)"),
         (lambda: fed(np.zeros((0, 2))), "tau must have shape (n_samples, 2), got (0, 2)"),
@@ -254,7 +245,7 @@ def digital(**changes: Any) -> Digital:
             "resolution needs 2 entries, one per joint, got 3",
         ),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_controller_is_one_sentence(make: Callable[[], object], message: str) -> None:
     with pytest.raises(ControllerError) as caught:
         make()

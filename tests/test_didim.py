@@ -213,12 +213,9 @@ def test_unit_rotors_of_a_coupled_wrist() -> None:
         ({"ZZ1R": "heavy"}, "start must be an array of real numbers"),
         ({"ZZ1R": float("nan")}, "the start has a value that is not finite"),
         ([1.0, 2.0], r"the start needs 28 standard or 13 base parameters, got \(2,\)"),
-        (
-            -np.ones(13),
-            r"cannot start from these parameters: M\(q\) is not positive definite on the reference",
-        ),
+        (-np.ones(13), r"cannot start from these parameters: M\(q\) is not positive definite on the reference"),
     ],
-)
+)  # fmt: skip
 def test_wrong_starts(arm: Experiment, start: Start, message: str) -> None:
     with pytest.raises((FitError, RobotError), match=message):
         identify(arm, plain_didim(start=start))

@@ -70,23 +70,11 @@ def slack() -> Experiment:
 @pytest.mark.parametrize(
     ("moved", "change", "told"),
     [
-        (
-            0.1,
-            1e-4,
-            "Stopped by both rules: the last step changed no parameter by more than 0.1 sigma (limit 0.3), and ",
-        ),
-        (
-            0.1,
-            0.02,
-            "Stopped by the rule on the parameters: the last step changed no parameter by more than 0.1 sigma",
-        ),
-        (
-            2.6,
-            1e-4,
-            "Stopped by the rule on the residual: the residual changed by 0.01 % (limit 0.1 %), but the last step ",
-        ),
+        (0.1, 1e-4, "Stopped by both rules: the last step changed no parameter by more than 0.1 sigma (limit 0.3), and "),
+        (0.1, 0.02, "Stopped by the rule on the parameters: the last step changed no parameter by more than 0.1 sigma"),
+        (2.6, 1e-4, "Stopped by the rule on the residual: the residual changed by 0.01 % (limit 0.1 %), but the last step "),
     ],
-)
+)  # fmt: skip
 def test_the_rule_that_fired_is_named(moved: float, change: float, told: str) -> None:
     sentence = rule_sentence(moved, 0.3, change, 1e-3, exact=False)
     assert sentence.startswith(told)

@@ -306,15 +306,9 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
     ("settings", "sentence"),
     [
         ({"start": (3.5, 0.0)}, r"the start of joint 1 is 3\.5, outside what its limits leave it"),
-        (
-            {"position": [(1.0, 1.0), (-1.0, 1.0)]},
-            r"joint 1 has no room: its positions are limited to \[1, 1\]",
-        ),
+        ({"position": [(1.0, 1.0), (-1.0, 1.0)]}, r"joint 1 has no room: its positions are limited to \[1, 1\]"),
         ({"velocity": (1.0, 0.0)}, "the velocity limit of joint 2 must lie between 1e-09 and"),
-        (
-            {"torque": 0.5, "position": [(-0.2, 0.2)] * 2},
-            "the limits leave no room: in none of 2000 random poses",
-        ),
+        ({"torque": 0.5, "position": [(-0.2, 0.2)] * 2}, "the limits leave no room: in none of 2000 random poses"),
         (
             {"torque": (15.0, 25.0), "start": (0.0, 0.0)},
             "the robot cannot rest at its start: joint 1 needs 21.* where at most 13.5",
@@ -322,16 +316,13 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
         ({"wanted": ("FV1",)}, "has no base parameter 'FV1'; did you mean 'Fv1'"),
         ({"torque_noise": (1.0, 0.0)}, "torque_noise needs one positive number or 2, one per joint"),
         ({"home": (0.0,)}, "home needs 2 numbers, one per joint"),
-        (
-            {"friction": {"load": [2]}},
-            "the load friction of joint 2 depends on the torques that are still to be identified",
-        ),
+        ({"friction": {"load": [2]}}, "the load friction of joint 2 depends on the torques that are still to be identified"),
         ({"friction": {"dead_zone_rad_s": 1e18}}, "the friction of robot 'planar2' hides Fc1: its dead zone"),
         ({"torque_noise": 1e300}, r"torque_noise needs .* at most 1e\+30, got 1e\+300"),
         ({"acceleration": 1e-320}, "the acceleration limit of joint 1 must lie between 1e-09 and 1e"),
         ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
-)
+)  # fmt: skip
 def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ExcitationError, match=sentence):
         excite(planar, ExcitationSettings(**(SMALL | {"parameters": "reference"} | settings)))

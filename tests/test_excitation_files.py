@@ -74,18 +74,12 @@ def test_the_file_says_what_is_asked_for(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (
-            ("harmonics", "harmonic"),
-            r"excite\.toml: \[excitation\] unknown key 'harmonic'; did you mean 'harmonics'",
-        ),
-        (
-            ("iterations = 10", "iterations = 0"),
-            r"excite\.toml: \[excitation\] iterations must be at least 1, got 0",
-        ),
+        (("harmonics", "harmonic"), r"excite\.toml: \[excitation\] unknown key 'harmonic'; did you mean 'harmonics'"),
+        (("iterations = 10", "iterations = 0"), r"excite\.toml: \[excitation\] iterations must be at least 1, got 0"),
         (("[[-90, 90], [-100, 100]]", "[[-90, 90]]"), r"\[limits\] position_deg must be a matrix of 2 rows"),
         (("link = 2", "link = 4"), r"\[collision\] link must be at most 2"),
     ],
-)
+)  # fmt: skip
 def test_wrong_files_are_named(tmp_path: Path, wrong: tuple[str, str], sentence: str) -> None:
     path = tmp_path / "excite.toml"
     path.write_text(SMALL.replace(*wrong))

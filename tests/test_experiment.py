@@ -173,11 +173,7 @@ def test_the_data_folder_is_where_the_data_are_looked_up(log: Path, tmp_path: Pa
             "[signal]\ncutof_hz = 1\n[[recording]]",
             "log.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?",
         ),
-        (
-            "[[recording]]",
-            "[signal]\ncutoff_hz = 0\n[[recording]]",
-            "log.toml: [signal] cutoff_hz must be above 0.0, got 0.0",
-        ),
+        ("[[recording]]", "[signal]\ncutoff_hz = 0\n[[recording]]", "log.toml: [signal] cutoff_hz must be above 0.0, got 0.0"),
         (
             "[[recording]]",
             "[signal]\ndecimation = [2.5]\n[[recording]]",
@@ -222,7 +218,7 @@ def test_the_data_folder_is_where_the_data_are_looked_up(log: Path, tmp_path: Pa
         ),
         ('unit = "rad"', 'unit = "radian"', None),
     ],
-)
+)  # fmt: skip
 def test_wrong_keys(log: Path, old: str, new: str, expected: str | None) -> None:
     said = message(log, LOG.replace(old, new))
     if expected is None:

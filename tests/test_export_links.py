@@ -454,18 +454,14 @@ def test_an_identified_robot_goes_back_into_its_own_file(
     [
         ('damping="0.4"', 'damping="0.5"', ""),
         ('<inertial pos="0.1 0 0"', '<inertial pos="0.2 0 0"', ""),
-        (
-            '<geom type="box" size=".1 .05 .03"/>',
-            '<inertial mass="1"/><geom type="box" size=".1 .05 .03"/>',
-            "",
-        ),
+        ('<geom type="box" size=".1 .05 .03"/>', '<inertial mass="1"/><geom type="box" size=".1 .05 .03"/>', ""),
         ('axis="1 1 0"', 'axis="1 1 1"', 'axis="1 1 0"'),
         ('pos="0 0 .3"', 'pos="0 0 .4"', 'pos="0 0 .3"'),
         ('<motor joint="x"/>', "", '<motor joint="x" />'),
         ("Two joints on one body", "Two joints of one body", "Two joints on one body"),
         ("</mujoco>", "<size/></mujoco>", "nothing / <size />"),
     ],
-)
+)  # fmt: skip
 def test_the_bench_sees_what_differs_elsewhere(bench: ModuleType, old: str, new: str, found: str) -> None:
     assert old in SEVERAL
     assert found in bench.elsewhere(SEVERAL, SEVERAL.replace(old, new))

@@ -79,10 +79,7 @@ def test_arrays_with_a_closed_loop_are_for_didim() -> None:
     [
         (lambda log: didim.identify(log.recordings[0]), "a recording does not name its robot"),
         (lambda log: didim.identify(log, robot="planar2"), "has its robot already"),
-        (
-            lambda log: didim.identify(log.recordings[0].q),
-            "from_arrays.robot, q, tau, rate_hz=.... takes arrays",
-        ),
+        (lambda log: didim.identify(log.recordings[0].q), "from_arrays.robot, q, tau, rate_hz=.... takes arrays"),
         (lambda log: didim.identify("no_such.toml"), "no such file"),
         (
             lambda log: didim.identify(log, 3),  # type: ignore[arg-type]
@@ -94,12 +91,9 @@ def test_arrays_with_a_closed_loop_are_for_didim() -> None:
             ),
             "reference must be an array of positions",
         ),
-        (
-            lambda log: didim.Experiment.from_arrays("planar2", log.recordings[0].q.T, rate_hz=100.0),
-            "transpose it",
-        ),
+        (lambda log: didim.Experiment.from_arrays("planar2", log.recordings[0].q.T, rate_hz=100.0), "transpose it"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_call_is_one_sentence(log: didim.Experiment, call: object, message: str) -> None:
     assert callable(call)
     with pytest.raises(didim.DidimError, match=message) as told:

@@ -210,12 +210,9 @@ def test_what_cannot_be_replayed_is_a_sentence(twin: Path, monkeypatch: pytest.M
     ("options", "message"),
     [
         (["--step", "0.001"], "--step takes a positive number of seconds, and is for --mujoco"),
-        (
-            ["--mujoco", "quadruped_fit.xml", "--report", "r.html"],
-            "--report is for a validation without --mujoco",
-        ),
+        (["--mujoco", "quadruped_fit.xml", "--report", "r.html"], "--report is for a validation without --mujoco"),
     ],
-)
+)  # fmt: skip
 def test_wrong_options(
     twin: Path,
     monkeypatch: pytest.MonkeyPatch,

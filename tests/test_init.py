@@ -149,17 +149,13 @@ def test_motors_of_a_robot_with_gears(tmp_path: Path) -> None:
     ("names", "question", "line"),
     [
         (["q1", "q2", "tau1", "tau2"], "at what rate was the log recorded", "# rate_hz ="),
-        (
-            ["t", "q1", "q2", "x1", "x2"],
-            "which columns hold the torques of the 2 joints",
-            "# [recording.torque]",
-        ),
+        (["t", "q1", "q2", "x1", "x2"], "which columns hold the torques of the 2 joints", "# [recording.torque]"),
         (["t", "x1", "x2", "tau1", "tau2"], "which columns hold the positions", "# [recording.position]"),
         (["t", "q1", "q2", "iq1", "iq2"], "how many N.m are one A", "# gain ="),
         (["t", "q1_counts", "q2_counts", "tau1", "tau2"], "counts make one turn", "# counts_per_rev ="),
         (["t", "motor1_pos", "motor2_pos", "tau1", "tau2"], "fill in [transmission]", "# reduction ="),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_read_is_asked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], names: list[str], question: str, line: str
 ) -> None:

@@ -157,13 +157,10 @@ def test_columns_of_one_of_several_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "position=alpha1,alpha3",
-            "log.csv: --columns position=alpha1,alpha3: there is no column 'alpha3'; did you mean 'alpha",
-        ),
+        ("position=alpha1,alpha3", "log.csv: --columns position=alpha1,alpha3: there is no column 'alpha3'; did you mean 'alpha"),
         ("positon=1-2", "'positon' is not a kind of signal"),
     ],
-)
+)  # fmt: skip
 def test_numbers_of_columns_that_have_names(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
 ) -> None:

@@ -335,20 +335,14 @@ def test_results_are_not_deep(content: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "sentence"),
     [
-        (
-            MemoryError("Unable to allocate 8 EiB"),
-            "there is not enough memory for this (Unable to allocate 8 EiB)",
-        ),
+        (MemoryError("Unable to allocate 8 EiB"), "there is not enough memory for this (Unable to allocate 8 EiB)"),
         (MemoryError(), "there is not enough memory for this"),
         (RecursionError("maximum recursion depth exceeded"), "this is nested too deeply (maximum recursion"),
-        (
-            np.linalg.LinAlgError("SVD did not converge"),
-            "its numbers have no solution (SVD did not converge)",
-        ),
+        (np.linalg.LinAlgError("SVD did not converge"), "its numbers have no solution (SVD did not converge)"),
         (UnicodeEncodeError("utf-8", "\udcff", 0, 1, "surrogates"), "a text is not UTF-8 ("),
     ],
     ids=lambda value: type(value).__name__,
-)
+)  # fmt: skip
 def test_errors_beyond_the_readers_are_a_sentence_with_the_last_file(
     error: Exception,
     sentence: str,

@@ -148,22 +148,13 @@ def test_wrong_sets(tmp_path: Path, content: str, message: str) -> None:
     [
         ({"x": np.ones(2)}, "not a file of parameters, parameter_names is not"),
         ({"parameter_names": np.array(["Fv1"])}, "not a file of parameters, parameters is not"),
-        (
-            {"parameter_names": np.array(["Fv1"]), "parameters": np.ones(2)},
-            "parameters must be 1 finite numbers",
-        ),
-        (
-            {"parameter_names": np.array(["M1"]), "parameters": np.array(["a"])},
-            "not an npz file of parameters",
-        ),
-        (
-            {"parameter_names": np.array(["Fw1"]), "parameters": np.ones(1)},
-            "it has parameter 'Fw1', which robot",
-        ),
+        ({"parameter_names": np.array(["Fv1"]), "parameters": np.ones(2)}, "parameters must be 1 finite numbers"),
+        ({"parameter_names": np.array(["M1"]), "parameters": np.array(["a"])}, "not an npz file of parameters"),
+        ({"parameter_names": np.array(["Fw1"]), "parameters": np.ones(1)}, "it has parameter 'Fw1', which robot"),
         ({"parameter_names": np.array(["Fv1"]), "parameters": np.ones(1)}, "it has 1 parameter, which robot"),
         ({"parameter_names": np.array([None]), "parameters": np.ones(1)}, "not an npz file of parameters"),
     ],
-)
+)  # fmt: skip
 def test_wrong_arrays(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
     path = tmp_path / "p.npz"
     np.savez(path, **arrays)

@@ -256,10 +256,7 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
         (b"\xef\xbb\xbf", "a.csv: the first line is blank"),
         (b"\n1,2\n", "a.csv: the first line is blank"),
         (b"t,q1,q2,u1,u2\n", "a.csv: there are no rows below the header"),
-        (
-            b"0,0,0,0,0\n1,0,0,0,0",
-            "a.csv: there is no column 't': the file has no header, so columns go by number",
-        ),
+        (b"0,0,0,0,0\n1,0,0,0,0", "a.csv: there is no column 't': the file has no header, so columns go by number"),
         (
             b"t,1,q2,u1,u2\n",
             "a.csv: the first line is neither names nor numbers ('t' is not a number); "
@@ -268,7 +265,7 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
         (b"t,q1,q2,u1,u2\n0,0,0,0,0\n0.001,0,0,0,0", "a.csv: at least 3 samples are needed, got 2"),
         (b"t,q1,q1,q2,u1,u2\n", "a.csv: column 'q1' occurs twice in the header"),
     ],
-)
+)  # fmt: skip
 def test_files_without_a_table_of_numbers(tmp_path: Path, content: bytes, expected: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     assert message(tmp_path, described("a.csv")) == expected
@@ -282,11 +279,7 @@ POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
     [
         ("q1;q2\n1;2\n", {}, 'the file has 1 column where 2 are wanted; is delimiter = ";" meant?'),
         ("q1\tq2\n1\t2\n", {}, 'the file has 1 column where 2 are wanted; is delimiter = "\\t" meant?'),
-        (
-            "q1,q2\n1,2\n",
-            {"delimiter": ";"},
-            'the file has 1 column where 2 are wanted; is delimiter = "," meant?',
-        ),
+        ("q1,q2\n1,2\n", {"delimiter": ";"}, 'the file has 1 column where 2 are wanted; is delimiter = "," meant?'),
         ("q\n1\n", {}, "the file has 1 column where 2 are wanted"),
         ("q\n1\n", {"columns": [1, 2]}, "there is no column 2; there is one"),
         (
@@ -304,24 +297,12 @@ POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
             {"delimiter": ";"},
             "row 1 (line 2), column 'q1', is '0,5', not a number; for decimal commas, decimal = \",\"",
         ),
-        (
-            "q1,q2\n0,5,1,5\n",
-            {},
-            "row 1 (line 2) has 4 columns where the first line has 2; are there decimal commas?",
-        ),
-        (
-            "q1,q2\r1,2\r3,4\r",
-            {},
-            "lines end with a carriage return alone; save the file with LF or CR LF line ends",
-        ),
-        (
-            "q1,q2\n1,2\r3,4\n",
-            {},
-            "lines end with a carriage return alone; save the file with LF or CR LF line ends",
-        ),
+        ("q1,q2\n0,5,1,5\n", {}, "row 1 (line 2) has 4 columns where the first line has 2; are there decimal commas?"),
+        ("q1,q2\r1,2\r3,4\r", {}, "lines end with a carriage return alone; save the file with LF or CR LF line ends"),
+        ("q1,q2\n1,2\r3,4\n", {}, "lines end with a carriage return alone; save the file with LF or CR LF line ends"),
         ("x" * 200_000, {}, "this is not a CSV file (field larger than field limit (131072))"),
     ],
-)
+)  # fmt: skip
 def test_csv_files_of_another_make(tmp_path: Path, content: str, keys: dict[str, Any], expected: str) -> None:
     (tmp_path / "a.csv").write_bytes(content.encode())
     assert message(tmp_path, {"rate_hz": RATE, "position": POSITION_ONLY | keys}) == f"a.csv: {expected}"
@@ -331,16 +312,10 @@ def test_csv_files_of_another_make(tmp_path: Path, content: str, keys: dict[str,
     ("content", "expected"),
     [
         ("q1,q2\n1,2\n".encode("utf-16"), "the file is UTF-16 text; save it as UTF-8"),
-        (
-            "q1,q2\n1,2\n".encode("utf-16-le"),
-            "this is not a text file in UTF-8, byte 1 is zero (is it binary, or UTF-16?)",
-        ),
-        (
-            b"\x7fELF\x02\x01\x00\r\xff\n",
-            "this is not a text file in UTF-8, byte 6 is zero (is it binary, or UTF-16?)",
-        ),
+        ("q1,q2\n1,2\n".encode("utf-16-le"), "this is not a text file in UTF-8, byte 1 is zero (is it binary, or UTF-16?)"),
+        (b"\x7fELF\x02\x01\x00\r\xff\n", "this is not a text file in UTF-8, byte 6 is zero (is it binary, or UTF-16?)"),
     ],
-)
+)  # fmt: skip
 def test_csv_files_that_are_no_text(tmp_path: Path, content: bytes, expected: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     assert message(tmp_path, {"rate_hz": RATE, "position": POSITION_ONLY}) == f"a.csv: {expected}"
@@ -569,11 +544,7 @@ def test_a_rate_that_contradicts_the_time_stamps(tmp_path: Path) -> None:
         ("torque", {"unit": "N"}, "unit 'N' does not suit joint 1, which is revolute"),
         ("torque", {"unit": "A"}, "unit 'A' needs the drive gain: gain = number or list of 2"),
         ("torque", {"unit": "V", "gain": [1, 0]}, "gain must not be zero"),
-        (
-            "torque",
-            {"gain": 2},
-            "gain is for torques logged in A or V, and the unit is 'N.m'; scale and sign are for any unit",
-        ),
+        ("torque", {"gain": 2}, "gain is for torques logged in A or V, and the unit is 'N.m'; scale and sign are for any unit"),
         (
             "position",
             {"side": "motor"},
@@ -583,7 +554,7 @@ def test_a_rate_that_contradicts_the_time_stamps(tmp_path: Path) -> None:
         ("position", {"collums": 1}, "unknown key 'collums'; did you mean 'columns'?"),
         ("position", {"delimiter": "|"}, "delimiter must be one of ',', ';', '\\t', ' ', got '|'"),
     ],
-)
+)  # fmt: skip
 def test_wrong_keys(
     tmp_path: Path, csv_file: Path, table: str, change: dict[str, Any], expected: str
 ) -> None:
@@ -599,10 +570,7 @@ def test_wrong_keys(
         ({"windows_s": [[-0.01, 0.02]]}, "the window [-0.01, 0.02] s leaves the record, which lasts 0.05 s"),
         ({"windows_s": [[0.01, 0.012]]}, "the window [0.01, 0.012] s has 2 samples, at least 3 are needed"),
         ({"windows_s": [[0, 0.02], [0.01, 0.03]]}, "the windows [[0, 0.02], [0.01, 0.03]] overlap"),
-        (
-            {"windows_s": [0.0, 1.0]},
-            "windows_s must be a list of [start, stop] in seconds with start < stop, got 0.0",
-        ),
+        ({"windows_s": [0.0, 1.0]}, "windows_s must be a list of [start, stop] in seconds with start < stop, got 0.0"),
         (
             {"windows_s": [[0.0, 10**400]]},
             f"windows_s must be a list of [start, stop] in seconds with start < stop, got [0.0, 1{50 * '0'}...",
@@ -614,7 +582,7 @@ def test_wrong_keys(
             "'payload', 'kp', 'offsets', 'friction', 'time' and 6 more",
         ),
     ],
-)
+)  # fmt: skip
 def test_wrong_keys_of_the_recording(
     tmp_path: Path, csv_file: Path, change: dict[str, Any], expected: str
 ) -> None:
@@ -761,21 +729,13 @@ def test_columns_by_name_of_joint(tmp_path: Path, csv_file: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "columns", "message"),
     [
-        (
-            NAMED,
-            {"elbow": "q2", "sholder": "q1"},
-            "joint 'sholder', which the robot has not; did you mean 'shoulder'?",
-        ),
+        (NAMED, {"elbow": "q2", "sholder": "q1"}, "joint 'sholder', which the robot has not; did you mean 'shoulder'?"),
         (NAMED, {"elbow": "q2"}, "columns has none for joint 'shoulder'"),
         (NAMED, {"elbow": "q2", "shoulder": "q2"}, "columns names a column twice"),
         (NAMED, {"elbow": "q2", "shoulder": 1.5}, "columns must be a list of names, or of numbers from 1"),
-        (
-            fake_robot(),
-            {"elbow": "q2", "shoulder": "q1"},
-            "columns by name of joint need a robot whose joints have names",
-        ),
+        (fake_robot(), {"elbow": "q2", "shoulder": "q1"}, "columns by name of joint need a robot whose joints have names"),
     ],
-)
+)  # fmt: skip
 def test_wrong_columns_by_name_of_joint(
     tmp_path: Path, csv_file: Path, robot: Any, columns: dict[str, Any], message: str
 ) -> None:

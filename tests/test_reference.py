@@ -169,20 +169,11 @@ def move(points: Any = ((0.0, 0.0), (1.0, 1.0)), **changes: Any) -> Reference:
         (lambda: Reference.sampled("abc", rate_hz=10), "q must be an array of real numbers"),
         (lambda: Reference.sampled(Q, rate_hz=10).at(Q), "t must have shape (n_times,), got (10, 2)"),
         (lambda: Reference.fourier(Q, Q[1:], period_s=1), "must have one shape (n_harmonics, n_dof), got"),
-        (
-            lambda: Reference.fourier(Q[:0], Q[:0], period_s=1),
-            "must have one shape (n_harmonics, n_dof), got",
-        ),
+        (lambda: Reference.fourier(Q[:0], Q[:0], period_s=1), "must have one shape (n_harmonics, n_dof), got"),
         (lambda: Reference.fourier(Q, Q, period_s=-1), "period and duration must be positive, got -1"),
         (lambda: Reference.fourier(Q, Q, period_s=1, duration_s=0), "must be positive, got 1 and 0 s"),
-        (
-            lambda: Reference.fourier(Q, Q, period_s=1, duration_s=1e9),
-            "1e+09 s with 10 harmonics in 1 s is too",
-        ),
-        (
-            lambda: Reference.fourier(Q, Q, period_s=1e-300, duration_s=1e300),
-            "harmonics in 1e-300 s is too long",
-        ),
+        (lambda: Reference.fourier(Q, Q, period_s=1, duration_s=1e9), "1e+09 s with 10 harmonics in 1 s is too"),
+        (lambda: Reference.fourier(Q, Q, period_s=1e-300, duration_s=1e300), "harmonics in 1e-300 s is too long"),
         (
             lambda: Reference.fourier(np.ones((1000, 1)), np.ones((1000, 1)), period_s=1, duration_s=2),
             "2 s with 1000 harmonics in 1 s is too long",
@@ -191,19 +182,13 @@ def move(points: Any = ((0.0, 0.0), (1.0, 1.0)), **changes: Any) -> Reference:
             lambda: Reference.fourier(np.ones((4, 1)), np.ones((4, 1)), period_s=5e-5, duration_s=0.6),
             "0.6 s with 4 harmonics in 5e-05 s is too long",
         ),
-        (
-            lambda: Reference.fourier(Q, Q, period_s=1, offset=[1, 2, 3]),
-            "offset needs 2 numbers, one per joint",
-        ),
+        (lambda: Reference.fourier(Q, Q, period_s=1, offset=[1, 2, 3]), "offset needs 2 numbers, one per joint"),
         (lambda: Reference.fourier(Q, Q, period_s=1, offset=math.nan), "position of joint 1 at knot 1"),
         (lambda: random(harmonics=3), "needs at least 4 harmonics, got 3"),
         (lambda: random(max_velocity=[1.0, 1.0, 1.0]), "max_position needs 3 numbers, one per joint, got 2"),
         (lambda: random(max_velocity=[1.0, 0.0]), "max_velocity must be positive, got [1.0, 0.0]"),
         (lambda: random(max_acceleration=math.nan), "max_acceleration must be positive, got [nan]"),
-        (
-            lambda: random(offset=[0.0] * 3),
-            "offset needs 2 numbers, one per joint, got an array of shape (3,)",
-        ),
+        (lambda: random(offset=[0.0] * 3), "offset needs 2 numbers, one per joint, got an array of shape (3,)"),
         (lambda: random(seed=-1), "seed must not be negative, got -1"),
         (lambda: random(period_s=math.nan), "period and duration must be positive, got nan"),
         (lambda: move([[0.0, 0.0]]), "at least two different points, got 1"),
@@ -215,7 +200,7 @@ def move(points: Any = ((0.0, 0.0), (1.0, 1.0)), **changes: Any) -> Reference:
         (lambda: move(max_acceleration=[1.0, -2.0]), "acceleration of joint 2 must be positive, got -2"),
         (lambda: move(dwell_s=-1.0), "dwell_s must not be negative, got -1"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_reference_is_one_sentence(make: Callable[[], object], message: str) -> None:
     with pytest.raises(ReferenceError) as caught:
         make()

@@ -136,10 +136,7 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
             "[transmission] reduction is singular: the row of motor 2 is a combination of the rows before it",
         ),
         (("d_m = 0.3", "d_m = 1e200"), "d_m must be at most 1e+09 in size, got 1e+200"),
-        (
-            ("schema = 1", "schema = 1\ngravity_m_s2 = [0, 0, 1e308]"),
-            "lengths or gravity allow no base parameters",
-        ),
+        (("schema = 1", "schema = 1\ngravity_m_s2 = [0, 0, 1e308]"), "lengths or gravity allow no base parameters"),
         (("[parameters.good]", '[friction]\ncoulomb = "tanh"\n[parameters.good]'), "smoothing_rad_s above 0"),
         (  # such a smooth sign is no column of its own
             ("[parameters.good]", "[friction]\nsmoothing_rad_s = 1e9\n[parameters.good]"),
@@ -150,7 +147,7 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
             "dead_zone_rad_s must be at least 0.0, got -1.0",
         ),
     ],
-)
+)  # fmt: skip
 def test_wrong_files_say_what_is_wrong(tmp_path: Path, change: tuple[str, str], message: str) -> None:
     with pytest.raises(didim.errors.RobotError) as caught:
         load(tmp_path, ARM.replace(*change, 1))

@@ -67,19 +67,13 @@ def test_joints_of_a_robot_without_names_are_listed(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"topic": "/joint_state"}, r"bag: there is no topic '/joint_state'.*did you mean '/joint_states'"),
-        (
-            {"topic": "/rosout"},
-            r"bag: topic /rosout has messages of type std_msgs/msg/String; read are sensor_msgs",
-        ),
-        (
-            {"columns": ["shoulder", "elbo"]},
-            r"bag: there is no joint 'elbo' in topic /joint_states.*did you mean 'elbow'",
-        ),
+        ({"topic": "/rosout"}, r"bag: topic /rosout has messages of type std_msgs/msg/String; read are sensor_msgs"),
+        ({"columns": ["shoulder", "elbo"]}, r"bag: there is no joint 'elbo' in topic /joint_states.*did you mean 'elbow'"),
         ({"columns": [1, 2]}, r"bag: joints of a bag go by name, got column 1"),
         ({"variable": "torque"}, r"bag: variable must be one of 'stamp', .*, got 'torque'"),
         ({"delimiter": ";"}, r"bag: delimiter, header and decimal are for CSV files only"),
     ],
-)
+)  # fmt: skip
 def test_wrong_keys(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     content = bag(tmp_path)
     content["position"] |= change

@@ -108,11 +108,7 @@ def test_defaults_stand_for_absent_keys_only() -> None:
     ("ask", "content", "message"),
     [
         (lambda t: t.number("x"), {}, "key 'x' is missing"),
-        (
-            lambda t: t.number("cutoff_hz"),
-            {"cutof_hz": 1},
-            "key 'cutoff_hz' is missing; is 'cutof_hz' meant to be it?",
-        ),
+        (lambda t: t.number("cutoff_hz"), {"cutof_hz": 1}, "key 'cutoff_hz' is missing; is 'cutof_hz' meant to be it?"),
         (lambda t: t.number("x"), {"x": True}, "x must be a finite number, got True"),
         (lambda t: t.number("x"), {"x": float("nan")}, "x must be a finite number, got nan"),
         (lambda t: t.integer("n"), {"n": 3.0}, "n must be an integer, got 3.0"),
@@ -122,18 +118,14 @@ def test_defaults_stand_for_absent_keys_only() -> None:
         (lambda t: t.numbers("l", 3), {"l": [1, 2]}, "l must hold 3 numbers, got 2"),
         (lambda t: t.numbers("l"), {"l": [1, "a"]}, "l number 2 must be a finite number, got 'a'"),
         (lambda t: t.texts("l"), {"l": ["a", 1]}, "l must be a list of texts, got ['a', 1]"),
-        (
-            lambda t: t.matrix("m", 2, 2),
-            {"m": [[1, 2]]},
-            "m must be a matrix of 2 rows and 2 columns, got 1 row",
-        ),
+        (lambda t: t.matrix("m", 2, 2), {"m": [[1, 2]]}, "m must be a matrix of 2 rows and 2 columns, got 1 row"),
         (lambda t: t.matrix("m", 1, 2), {"m": [[1]]}, "m, row 1, must hold 2 numbers, got 1"),
         (lambda t: t.numbers("l", 1), {"l": []}, "l must hold 1 number, got 0"),
         (lambda t: t.table("t"), {"t": 1}, "t must be a table, got 1"),
         (lambda t: t.tables("t"), {"t": {}}, "t must be an array of tables, [[t]]"),
         (lambda t: t.done(), {"zeal": 1}, "unknown key 'zeal'"),
     ],
-)
+)  # fmt: skip
 def test_messages(ask: Callable[[Table], object], content: dict[str, Any], message: str) -> None:
     with pytest.raises(ExperimentError) as caught:
         ask(table(**content))

@@ -33,10 +33,7 @@ def test_what_is_taken() -> None:
         (lambda: whole("n", 4.0, FitError), "n must be a whole number, got 4.0"),
         (lambda: whole("n", True, FitError, least=0), "n must be a whole number of at least 0, got True"),
         (lambda: whole("n", -1, FitError, least=0), "n must be a whole number of at least 0, got -1"),
-        (
-            lambda: whole("n", 11, FitError, least=1, most=10),
-            "n must be a whole number from 1 to 10, got 11",
-        ),
+        (lambda: whole("n", 11, FitError, least=1, most=10), "n must be a whole number from 1 to 10, got 11"),
         (lambda: share("s", 1.01, FitError), "s must be between 0 and 1, got 1.01"),
         (lambda: share("s", 0.0, FitError, inside=True), "s must be between 0 and 1, got 0.0"),
         (lambda: share("s", float("nan"), FitError), "s must be between 0 and 1, got nan"),
@@ -50,7 +47,7 @@ def test_what_is_taken() -> None:
         (lambda: one_of("b", 1, (True, False), FitError), "b must be True or False, got 1"),
         (lambda: one_of("k", [], ("a",), FitError), "k must be 'a', got []"),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(check: Callable[[], Any], message: str) -> None:
     with pytest.raises(FitError, match=rf"^{re.escape(message)}$"):
         check()

@@ -572,23 +572,14 @@ def test_wrong_parameters_are_one_sentence(make: Callable[[], object], message: 
     ("make", "message"),
     [
         (lambda: call(duration_s=3.0), "the reference starts at 0 s and ends at 1 s, before the run, at 3 s"),
-        (
-            lambda: call(controller=Controller.pd(1.0, 1.0)),
-            "the controller has 1 joints and robot 'planar2' has 2",
-        ),
+        (lambda: call(controller=Controller.pd(1.0, 1.0)), "the controller has 1 joints and robot 'planar2' has 2"),
         (lambda: call(reference=still(3, 1.0)), "the reference has 3 joints and robot 'planar2' has 2"),
         (lambda: call(rate_hz=0.0), "rate_hz must be positive, got 0"),
         (lambda: call(rate_hz=math.nan), "rate_hz must be positive, got nan"),
-        (
-            lambda: call(rate_hz=1e12),
-            "duration_s must be positive and make at most 20000000 records of all joints",
-        ),
+        (lambda: call(rate_hz=1e12), "duration_s must be positive and make at most 20000000 records of all joints"),
         (lambda: call(duration_s=-1.0), "records of all joints, got -1.0 s at 1000 Hz"),
         (lambda: call(step=1e-12), "step of 1e-12 s is too small for a run of"),
-        (
-            lambda: call(fine_step=1e-9),
-            "fine_step of joint 1 is 1e-09 s, less than 0.0001 of the step of 0.0005 s",
-        ),
+        (lambda: call(fine_step=1e-9), "fine_step of joint 1 is 1e-09 s, less than 0.0001 of the step of 0.0005 s"),
         (lambda: call(duration_s=1e-6), "a simulation needs at least 2 records, got 1"),
         (lambda: call(step=0.0), "step must be positive, got 0"),
         (lambda: call(fine_step=math.nan), "fine step must be positive, got NaN"),
@@ -598,23 +589,11 @@ def test_wrong_parameters_are_one_sentence(make: Callable[[], object], message: 
         (lambda: call(x=[X, X], gain_scale=np.ones((3, 2))), "gain_scale must have shape (2,) or (2, 2)"),
         (lambda: call(start=([0.0, 0.0], [0.0] * 3)), "start needs 2 finite positions and 2 velocities"),
         (lambda: call(start=([0.0, 0.0],)), "start needs 2 finite positions and 2 velocities"),
-        (
-            lambda: call(start=([0.0, math.nan], [0.0, 0.0])),
-            "start needs 2 finite positions and 2 velocities",
-        ),
-        (
-            lambda: call(external=(1.0, np.zeros((5, 3)))),
-            "external needs finite torques of shape (n_samples, 2)",
-        ),
+        (lambda: call(start=([0.0, math.nan], [0.0, 0.0])), "start needs 2 finite positions and 2 velocities"),
+        (lambda: call(external=(1.0, np.zeros((5, 3)))), "external needs finite torques of shape (n_samples, 2)"),
         (lambda: call(external=(1.0, np.zeros(5))), "external needs finite torques of shape (n_samples, 2)"),
-        (
-            lambda: call(external=(1.0, np.zeros((0, 2)))),
-            "external needs finite torques of shape (n_samples, 2)",
-        ),
-        (
-            lambda: call(external=(1.0, [[0.0, math.nan]])),
-            "external needs finite torques of shape (n_samples, 2)",
-        ),
+        (lambda: call(external=(1.0, np.zeros((0, 2)))), "external needs finite torques of shape (n_samples, 2)"),
+        (lambda: call(external=(1.0, [[0.0, math.nan]])), "external needs finite torques of shape (n_samples, 2)"),
         (lambda: call(external=(-1.0, np.zeros((5, 2)))), "the rate of external must be positive, got -1"),
         (lambda: call(external=(1.0,)), "external must be a rate (Hz) and torques"),
         (lambda: call(divergence=0.0), "divergence must be positive, got 0"),
@@ -631,7 +610,7 @@ def test_wrong_parameters_are_one_sentence(make: Callable[[], object], message: 
         (lambda: cost(weight_q=np.ones(3)), "the weights need 2 entries, one per joint"),
         (lambda: cost(gain_scale=np.ones((2, 2))), "1 candidates need 1 rows of scale"),
     ],
-)
+)  # fmt: skip
 def test_parts_that_do_not_fit_are_one_sentence(make: Callable[[], object], message: str) -> None:
     with pytest.raises(SimulationError) as caught:
         make()

@@ -142,22 +142,14 @@ def test_a_urdf_has_own_frames_too(shared: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "a_m = 0.11\n",
-            "",
-            "key 'a_m' is missing: with convention = 'dh' a_m is the length along x and d_m",
-        ),
+        ("a_m = 0.11\n", "", "key 'a_m' is missing: with convention = 'dh' a_m is the length along x and d_m"),
         ("a_m = 0.11", "a = 0.11", "unknown key 'a'; units are part of the keys: a_m"),
-        (
-            "alpha_deg = 90.0",
-            "alpha = 90.0",
-            "unknown key 'alpha'; units are part of the keys: alpha_deg or alpha_rad",
-        ),
+        ("alpha_deg = 90.0", "alpha = 90.0", "unknown key 'alpha'; units are part of the keys: alpha_deg or alpha_rad"),
         ("a_m = 0.11", "r_m = 0.11", "r_m belongs to convention 'mdh'"),
         ("d_m = 0.32\n", "", "key 'd_m' is missing"),
         ('"dh"', '"mdh"', "unknown key 'a_m'"),
     ],
-)
+)  # fmt: skip
 def test_the_keys_of_the_two_conventions_do_not_mix(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(arm_text().replace(old, new, 1), encoding="utf-8")

@@ -115,38 +115,23 @@ def test_wrong_keys_of_content(keys: dict[str, Any], sentence: str) -> None:
         ({"method": []}, "method must be a list of methods"),
         ({"method": ["didim", "didim"]}, "two entries of 'method' have the same name: 'didim'"),
         ({"method": [{"label": "x"}]}, "a method must be a name, or a table with a name"),
-        (
-            {"method": [{"name": "didim", "seeds": 0}]},
-            "seeds of method 'didim' must be a whole number from 1 to 10000000, got 0",
-        ),
+        ({"method": [{"name": "didim", "seeds": 0}]}, "seeds of method 'didim' must be a whole number from 1 to 10000000, got 0"),
         ({"repeat": {"seeds": 0}}, "[repeat] seeds must be at least 1"),
         ({"experiment": "emps.toml"}, "needs a [reference] of its own"),
         ({"grid": {"cutoff": [20]}}, "key 'cutoff' names no table"),
         ({"grid": {"truth.signal.cutoff_hz": [20]}}, "[signal] does not change a simulated log"),
         ({"grid": {"model.measurement.seed": [20]}}, "methods do not use the noise of a log"),
         ({"grid": {"truth.method.weights": ["none"]}}, "methods have settings on their own side only"),
-        (
-            {"grid": {"signal.cutof_hz": [20]}},
-            "scenario 'as the files are': planar2_simulation.toml: [signal] unknown key",
-        ),
+        ({"grid": {"signal.cutof_hz": [20]}}, "scenario 'as the files are': planar2_simulation.toml: [signal] unknown key"),
         ({"grid": {"robot.joint.1.d_mm": [1]}}, "unknown key 'd_mm'; did you mean 'd_m'?"),
         ({"method": ["dodim"]}, "there is no method 'dodim'"),
-        (
-            {"method": [{"name": "didim", "wieghts": "none"}]},
-            "method 'didim' has no setting 'wieghts'; did you mean 'weights'?",
-        ),
+        ({"method": [{"name": "didim", "wieghts": "none"}]}, "method 'didim' has no setting 'wieghts'; did you mean 'weights'?"),
         ({"method": [{"name": "didim", "signal": {}}]}, "signal cannot be set in a study"),
-        (
-            {"method": [{"name": "cloe", "start": {"spread": 2}}]},
-            "start.spread must be between 0 and 1, got 2",
-        ),
+        ({"method": [{"name": "cloe", "start": {"spread": 2}}]}, "start.spread must be between 0 and 1, got 2"),
         ({"parameters": "none"}, "no parameter set 'none'"),
-        (
-            {"repeat": {"seeds": 1, "root": float("inf")}},
-            "holds a value that is not a text, a number or a table",
-        ),
+        ({"repeat": {"seeds": 1, "root": float("inf")}}, "holds a value that is not a text, a number or a table"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_study_is_refused_before_the_work(change: dict[str, Any], sentence: str) -> None:
     place = Path(__file__).resolve().parents[1] / "examples" / "study.toml"
     with pytest.raises(DidimError) as caught:

@@ -62,15 +62,12 @@ LINK = '<link name="a"/>'
         ("<sdf/>", "this is SDF, a URDF has <robot> outermost"),
         ("<mujoco/>", "this is MJCF"),
         ("<html/>", "this is <html>"),
-        (
-            "<robot><xacro:macro/></robot>",
-            "xacro macros (xacro:macro); expand it first: xacro arm.urdf > arm.urdf",
-        ),
+        ("<robot><xacro:macro/></robot>", "xacro macros (xacro:macro); expand it first: xacro arm.urdf > arm.urdf"),
         ("<robot/>", "it has no <link>"),
         ("<robot><link/></robot>", "line 1: <link> has no name"),
         (f"<robot>{LINK}{LINK}</robot>", "there are two links 'a'"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_urdf(text: str, message: str) -> None:
     with pytest.raises(RobotError) as error:
         read_description(text.encode(), "arm.urdf")
@@ -121,12 +118,9 @@ INERTIA = '<inertia ixx="1" iyy="1" izz="1"/>'
         ('<mass value="1"/>', "it has no <inertia ixx=...>"),
         (INERTIA, "it has no <mass value=...>"),
         (f'<mass value="NaN"/>{INERTIA}', "value of <mass> is NaN"),
-        (
-            '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixz="-nan(ind)"/>',
-            "ixz of <inertia> is -nan(ind)",
-        ),
+        ('<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixz="-nan(ind)"/>', "ixz of <inertia> is -nan(ind)"),
     ],
-)
+)  # fmt: skip
 def test_half_an_inertial_is_left_out(inertial: str, reason: str) -> None:
     link = f'<link name="b"><inertial>{inertial}</inertial></link>'
     description = read_description(one_joint(link=link), "arm.urdf")
