@@ -493,7 +493,7 @@ def test_the_friction_table_of_the_tx40(
     if laws != ("rest",):  # its standard deviations are looked at
         request.getfixturevalue("without_alarm")
     experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
-    experiment = with_laws(experiment, laws)
+    experiment, _ = with_known_friction(didim.IDIMLS(), with_laws(experiment, laws), print)
     fit = didim.identify(experiment)
     assert 100.0 * fit.overall_relative_error == pytest.approx(TX40[laws][0], abs=0.05)
     assert held_out_error(experiment) == pytest.approx(TX40[laws][1], abs=0.05)
@@ -512,7 +512,7 @@ def test_the_friction_table_of_the_tx40(
 @pytest.mark.parametrize("laws", list(EMPS), ids=lambda laws: "+".join(laws) or "none")
 def test_the_friction_table_of_the_emps(shared: Path, project: Path, laws: tuple[str, ...]) -> None:
     experiment = didim.load_experiment(project / "examples/emps.toml", data=shared / "data/emps")
-    experiment = with_laws(experiment, laws)
+    experiment, _ = with_known_friction(didim.IDIMLS(), with_laws(experiment, laws), print)
     fit = didim.identify(experiment)
     assert 100.0 * fit.overall_relative_error == pytest.approx(EMPS[laws][0], abs=0.05)
     assert held_out_error(experiment) == pytest.approx(EMPS[laws][1], abs=0.05)

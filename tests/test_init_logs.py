@@ -331,6 +331,9 @@ def test_the_raw_log_of_a_ur10e(shared: Path, tmp_path: Path, capsys: pytest.Cap
     fit = didim.Identification.load(tmp_path / "fit.json")
     # With the friction that `init` has written; 3.6 % without.
     assert 0.012 < fit.overall_relative_error < 0.02
+    assert fit.verdict.sound, str(fit.verdict)
+    (note,) = [reason for reason in fit.verdict.reasons if reason.code == "gain-unchecked"]
+    assert (note.joints, note.grade) == ((6,), "note")
 
 
 def test_a_file_is_not_overwritten_for_several_logs(tmp_path: Path) -> None:

@@ -163,7 +163,6 @@ def test_nothing_is_fetched(pages: dict[str, str], which: str) -> None:
     assert len(html) < 3_000_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", REPORTS)
 def test_the_same_result_gives_the_same_page(
     pages: dict[str, str], fit: Identification, arm: Experiment, comparison: Comparison, which: str
