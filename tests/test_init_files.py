@@ -457,6 +457,7 @@ def test_public_logs_get_in_by_init_alone(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unjudged")
 def test_a_kuka_with_motor_torques_in_a_structure(
     shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -464,7 +465,15 @@ def test_a_kuka_with_motor_torques_in_a_structure(
     logs = [str(shared / "data" / "kr300" / f"{run}.mat") for run in "AB"]
     out = tmp_path / "x.toml"
     options = ["--columns", "position=rec.act_pos_mot_deg", "--columns", "torque=rec.act_torque_abs_nm"]
-    options += ["--columns", "time=rec.time_cont", "--columns", "reference=rec.ref_pos_deg", "-o", str(out)]
+    options += [
+        "--columns",
+        "time=rec.time_cont",
+        "--columns",
+        "reference=rec.ref_pos_deg",
+        "--plain",
+        "-o",
+        str(out),
+    ]
     sides = [
         word for text in ("position=joint", "reference=joint", "torque=motor") for word in ("--side", text)
     ]
