@@ -197,21 +197,23 @@ def test_a_rank_deficient_log_can_be_rescued_by_dropping_what_it_does_not_excite
     assert fit.roles.count("estimated") == 4
 
 
-def test_a_recording_without_torque(robot: Robot) -> None:
-    log = Recording.from_arrays(simulated.motion(2, 300), rate_hz=simulated.RATE_HZ, name="dumb")
-    with pytest.raises(FitError, match="recording 'dumb' has no torques"):
-        identify(simulated.experiment(robot, log))
-
-
-def test_only_held_out_recordings(robot: Robot, x: Array) -> None:
-    with pytest.raises(FitError, match="experiment 'simulated' has no recording with role 'fit'"):
-        identify(simulated.experiment(robot, simulated.log(robot, x, role="held-out")))
-
-
-def test_trimming_that_leaves_nothing(robot: Robot, x: Array) -> None:
-    signal = replace(simulated.SIGNAL, trim_start=2000, trim_end=2000)
-    with pytest.raises(FitError, match="recording 'log': trimming 2000 and 2000 samples leaves nothing"):
-        identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))
+@pytest.mark.parametrize(
+    ("logs", "signal", "message"),
+    [
+        ([{"tau": None}], {}, "recording 'log' has no torques"),
+        ([{"role": "held-out"}], {}, "experiment 'simulated' has no recording with role 'fit'"),
+        ([{}], {"trim_start": 2000, "trim_end": 2000}, "recording 'log': trimming 2000 and 2000 samples leaves nothing"),
+        ([{}], {"edge_rows": 300}, "recording 'log': decimation leaves nothing of 2950 samples"),
+        ([{}, {"tau": np.full((3000, 2), 1e200), "role": "held-out", "name": "night"}], {},
+         "^recording 'night': the torques of joint 1 are too large to be squared"),
+    ],
+)  # fmt: skip
+def test_logs_that_leave_nothing_to_fit(
+    robot: Robot, x: Array, logs: list[dict[str, Any]], signal: dict[str, Any], message: str
+) -> None:
+    recordings = [replace(simulated.log(robot, x), **changes) for changes in logs]
+    with pytest.raises(FitError, match=message):
+        identify(simulated.experiment(robot, *recordings, signal=replace(simulated.SIGNAL, **signal)))
 
 
 def test_errors_of_the_filters_name_recording_and_window(robot: Robot, x: Array) -> None:
@@ -230,16 +232,6 @@ def test_errors_of_the_filters_name_recording_and_window(robot: Robot, x: Array)
     message = r"^recording 'night': a record of 3000 samples is too short to compensate a delay of 5000"
     with pytest.raises(FitError, match=message):
         identify(simulated.experiment(robot, log), IDIMLS(compensate_samples=5000.0))
-
-
-def test_torques_of_a_held_out_recording_that_overflow(robot: Robot, x: Array) -> None:
-    fitted = simulated.log(robot, x)
-    assert fitted.tau is not None
-    held = replace(fitted, name="night", role="held-out", tau=1e200 * fitted.tau)
-    with pytest.raises(
-        FitError, match=r"^recording 'night': the torques of joint 1 are too large to be squared"
-    ):
-        identify(simulated.experiment(robot, fitted, held))
 
 
 def test_wrong_settings_are_told_when_they_are_made() -> None:
@@ -329,12 +321,6 @@ def test_a_spike_at_the_first_kept_sample_does_not_count(robot: Robot, x: Array)
         fits = [identify(simulated.experiment(robot, one, signal=signal)) for one in (log, spoilt)]
         moved[edge_rows] = np.max(np.abs(fits[1].beta - fits[0].beta) / fits[0].std)
     assert moved[2] < 0.1 * moved[0]
-
-
-def test_windows_that_the_edges_use_up(robot: Robot, x: Array) -> None:
-    signal = replace(simulated.SIGNAL, edge_rows=300)
-    with pytest.raises(FitError, match="recording 'log': decimation leaves nothing of 2950 samples"):
-        identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))
 
 
 def test_the_file_and_the_choice_of_laws_ask_for_a_robot(robot: Robot, x: Array) -> None:
