@@ -450,7 +450,9 @@ def test_public_logs_get_in_by_init_alone(
     data = shared / "data"
     named = robot or ur10(tmp_path)
     out: Any = tmp_path / "x.toml"
-    assert main(["init", named, *(str(data / file) for file in files), *options, "-o", str(out)]) == 0
+    # Laws of friction, which take most of the time: ``test_the_raw_log_of_a_ur10e`` and ``test_init_friction.py``.
+    command = ["init", named, *(str(data / file) for file in files), *options, "--plain", "-o", str(out)]
+    assert main(command) == 0
     assert main(["check", str(out)]) in (0, 1)
     fit = didim.identify(load_experiment(out), didim.IDIMLS())
     assert fit.overall_relative_error < largest
