@@ -75,6 +75,18 @@ def without_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def without_laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Try no friction laws for a draft of `didim init`, which takes longer than reading the log; for tests of what is read."""
+
+    from didim.errors import FitError
+
+    def untried(*_: object) -> None:
+        raise FitError("not in this test")
+
+    monkeypatch.setattr("didim.experiment.draft.fitted_friction", untried)
+
+
+@pytest.fixture
 def without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the figures and embed an empty picture of each: their layout takes most of the time, for tests that read the text."""
     monkeypatch.setattr("didim.report.page.svg", lambda figure: "<svg/>")

@@ -18,6 +18,7 @@ from didim.errors import ExperimentError, RecordingError
 from didim.experiment.draft import initialise
 from didim.experiment.draft_columns import joints_by_name, name_without_signal, read_column
 
+pytestmark = pytest.mark.usefixtures("without_laws")
 Array = NDArray[np.float64]
 RATE = 500.0
 T = np.arange(3000) / RATE
@@ -440,7 +441,7 @@ def test_public_logs_get_in_by_init_alone(
 ) -> None:
     """As they were published: two files of one log, bags with other names, MATLAB.
 
-    Without header: ``test_init_logs.py``; a tree and three files of one log: ``test_trees.py``.
+    Without header: ``test_init_friction.py``; a tree and three files of one log: ``test_trees.py``.
     """
     if which == "tx40":  # its verdict, which takes as long as the rest: ``test_report.py``
         request.getfixturevalue("unjudged")
@@ -450,9 +451,7 @@ def test_public_logs_get_in_by_init_alone(
     data = shared / "data"
     named = robot or ur10(tmp_path)
     out: Any = tmp_path / "x.toml"
-    # Laws of friction, which take most of the time: ``test_the_raw_log_of_a_ur10e`` and ``test_init_friction.py``.
-    command = ["init", named, *(str(data / file) for file in files), *options, "--plain", "-o", str(out)]
-    assert main(command) == 0
+    assert main(["init", named, *(str(data / file) for file in files), *options, "-o", str(out)]) == 0
     assert main(["check", str(out)]) in (0, 1)
     fit = didim.identify(load_experiment(out), didim.IDIMLS())
     assert fit.overall_relative_error < largest
@@ -466,16 +465,8 @@ def test_a_kuka_with_motor_torques_in_a_structure(
     """Two recordings of a KR300, which no packaged robot is: with the geometry of another KUKA one question stays, the gears."""
     logs = [str(shared / "data" / "kr300" / f"{run}.mat") for run in "AB"]
     out = tmp_path / "x.toml"
-    options = ["--columns", "position=rec.act_pos_mot_deg", "--columns", "torque=rec.act_torque_abs_nm"]
-    options += [
-        "--columns",
-        "time=rec.time_cont",
-        "--columns",
-        "reference=rec.ref_pos_deg",
-        "--plain",
-        "-o",
-        str(out),
-    ]
+    columns = "position=rec.act_pos_mot_deg torque=rec.act_torque_abs_nm time=rec.time_cont reference=rec.ref_pos_deg"
+    options = ["-o", str(out), *(word for text in columns.split() for word in ("--columns", text))]
     sides = [
         word for text in ("position=joint", "reference=joint", "torque=motor") for word in ("--side", text)
     ]

@@ -20,6 +20,7 @@ from didim.experiment.draft_columns import read_column
 from didim.experiment.draft_layout import layout
 from didim.log.csv_file import CsvFile
 
+pytestmark = pytest.mark.usefixtures("without_laws")
 Array = NDArray[np.float64]
 RATE = 500.0
 T = np.arange(4000) / RATE
@@ -308,32 +309,6 @@ def test_the_rest_before_and_after_a_motion_is_left_out(tmp_path: Path) -> None:
     assert abs(start - 1050) <= 100
     assert abs(stop - 5050) <= 100
     assert any("the samples before and after are left out" in sentence for sentence in draft.read)
-
-
-@pytest.mark.slow
-def test_the_raw_log_of_a_ur10e(shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """No header, uneven stamps, currents: two questions, their answers, and a fit below 4.6 %."""
-    log = tmp_path / "free.csv"
-    log.symlink_to(shared / "data" / "ur10e" / "free.csv")
-    assert main(["init", "ur10e", str(log)]) == 1
-    question = capsys.readouterr().err
-    assert "which columns hold the torques of the 6 joints (14-19 or 20-25 or 26-31)?" in question
-    options = ["--columns", "current=14-19", "--force"]
-    assert main(["init", "ur10e", str(log), *options]) == 1
-    assert "how many N.m are one A" in capsys.readouterr().err
-    published = ["14.87", "13.26", "11.13", "10.62", "11.03", "11.47"]
-    assert main(["init", "ur10e", str(log), *options, "--gain", *published]) == 0
-    assert "resample = true" in capsys.readouterr().out
-    assert main(["check", str(tmp_path / "free.toml")]) in (0, 1)
-    assert main(
-        ["identify", str(tmp_path / "free.toml"), "--quiet", "--json", str(tmp_path / "fit.json")]
-    ) in (0, 1)
-    fit = didim.Identification.load(tmp_path / "fit.json")
-    # With the friction that `init` has written; 3.6 % without.
-    assert 0.012 < fit.overall_relative_error < 0.02
-    assert fit.verdict.sound, str(fit.verdict)
-    (note,) = [reason for reason in fit.verdict.reasons if reason.code == "gain-unchecked"]
-    assert (note.joints, note.grade) == ((6,), "note")
 
 
 def test_a_file_is_not_overwritten_for_several_logs(tmp_path: Path) -> None:

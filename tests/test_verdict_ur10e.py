@@ -1,4 +1,4 @@
-"""A measured log of a UR10e with planted faults: the verdict names them; as it is: ``test_init_logs.py``."""
+"""A measured log of a UR10e with planted faults: the verdict names them; as it is: ``test_init_friction.py``."""
 
 from __future__ import annotations
 
