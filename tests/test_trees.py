@@ -390,6 +390,7 @@ LEG = """<body name="{leg}_hip" pos="{x} {y} 0"><joint name="{leg}_hip_joint" ax
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_laws")
 def test_the_commands_of_legs_in_the_air(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,7 +26,7 @@ def files(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "arm.toml").write_text((PACKAGED / "ur10e.toml").read_text(encoding="utf-8"), encoding="utf-8")
     gains = [str(gain) for gain in GAINS]
     arguments = [str(folder / "arm.toml"), str(folder / "free.csv"), "--columns", "current=14-19"]
-    assert main(["init", *arguments, "--gain", *gains]) == 0
+    assert main(["init", *arguments, "--plain", "--gain", *gains]) == 0
     return folder
 
 
@@ -53,7 +53,10 @@ def exchanged(one: int, other: int) -> Edit:
         ("arm.toml", gravity("[0, -9.81, 0]"), "gravity", ()),
         ("free.toml", exchanged(2, 3), "swapped-torques", (2, 3)),
         ("free.toml", exchanged(4, 5), "swapped-torques", (4, 5)),
+        ("arm.toml", gravity("[9.81, 0, 0]"), "gravity", ()),
+        ("free.toml", gain(1, 2.0), "drive-gain", (1,)),
         ("free.toml", gain(2, 2.0), "drive-gain", (2,)),
+        ("free.toml", gain(3, 2.0), "drive-gain", (3,)),
         ("free.toml", gain(4, 2.0), "drive-gain", (4,)),
         ("free.toml", gain(6, -1.0), "torque-sign", (6,)),
     ],
