@@ -426,10 +426,10 @@ def ur10(folder: Path) -> str:
 
 
 REAL: dict[str, tuple[str, list[str], list[str], float]] = {
-    "tx40": ("tx40", ["tx40/motor_position.csv", "tx40/motor_torque.csv"], ["--rate", "5000"], 0.13),
-    "emps": ("emps", ["emps/DATA_EMPS.mat"], [], 0.06),
+    "tx40": ("tx40", ["tx40/motor_position.csv", "tx40/motor_torque.csv"], ["--rate", "5000"], 0.058),
+    "emps": ("emps", ["emps/DATA_EMPS.mat"], [], 0.04),
     "ur10": ("", ["unisa/ur10_exciting.db3", "unisa/ur10_validation.db3"], [], 0.07),
-    "panda": ("panda", ["unisa/panda_exciting.db3"], [], 0.04),
+    "panda": ("panda", ["unisa/panda_exciting.db3"], [], 0.035),
 }
 """Robot, files, options, and the relative error that is not exceeded."""
 
