@@ -14,8 +14,10 @@ BENCHES = Path(__file__).resolve().parents[1] / "benches"
 
 
 @pytest.mark.parametrize(
-    ("method", "most"), [(didim.IDIMLS(), 45), (didim.DIDIM(), 78), (didim.CLOE(max_iterations=1), 58)], ids=lambda each: str(each)[:6]
-)  # fmt: skip
+    ("method", "most"),
+    [(didim.IDIMLS(), 45), (didim.DIDIM(), 78), (didim.CLOE(max_iterations=1), 58)],
+    ids=lambda each: str(each)[:6],
+)
 def test_a_run_enters_no_more_files_than_before(method: Method, most: int) -> None:
     lines = script(BENCHES / "lines.py")
     seen = lines.entered(method, lines.simulated_tx40())

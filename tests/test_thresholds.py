@@ -889,7 +889,7 @@ TURNS: dict[str, tuple[Callable[..., Any], list[tuple[Any, ...]]]] = {
     "an offset that differs by a twentieth of the residual": (offset_differs, [(0.048, False), (0.052, True)]),
 }
 # fmt: on
-"""What judges, and what it says a little below and a little above the number, last in each row."""
+"""Judgements by name: a function, and rows of what it is given with what it says, a little below and above each number."""
 
 
 @pytest.mark.parametrize(
