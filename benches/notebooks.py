@@ -5,7 +5,7 @@
 runs every ``docs/notebooks/*.ipynb``, or those that are named, from top to bottom in a fresh kernel, saves it with its outputs, and
 writes the page of the same name beside it: text, code, tables and pictures. It needs nbclient and ipykernel
 (`pip install --group notebooks`); the site is built from the pages and needs neither.
-Tested in ``tests/test_notebook_pages.py``.
+Tested in ``tests/test_notebook.py``.
 """
 
 from __future__ import annotations

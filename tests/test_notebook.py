@@ -1,11 +1,13 @@
-"""Results in notebooks: well-formed HTML with every cell, short reprs, and data frames."""
+"""Results in notebooks, as HTML, short texts and data frames; and the notebooks of the documentation run."""
 
 from __future__ import annotations
 
+import json
 import pickle
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from didim.studies.compare import Contrasts
 from didim.studies.comparison import Comparison
 from didim.studies.loads.payload_result import PayloadEstimate
 from didim.studies.loads.residual import Residual
+from scripts import script
 from several import arm_logs
 from test_identification import example
 
@@ -155,3 +158,44 @@ def test_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(DidimError, match="pip install pandas"):
         example().to_dataframe()
+
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+LARGEST_BYTES = 200_000
+
+
+def read(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def test_there_are_two() -> None:
+    assert len(NOTEBOOKS) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_its_last_answer_is_that_of_the_page(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    codes = ["".join(cell["source"]) for cell in read(path)["cells"] if cell["cell_type"] == "code"]
+    for code in codes[:-1]:
+        exec(compile(code, path.name, "exec"), names)
+    *statements, answer = codes[-1].split("\n")
+    exec(compile("\n".join(statements), path.name, "exec"), names)
+    assert eval(answer, names) in path.with_suffix(".md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_page_is_that_of_its_notebook(path: Path) -> None:
+    page_of = script(FOLDER.parents[1] / "benches" / "notebooks.py").page
+    text, pictures = page_of(read(path), path.stem)
+    assert path.with_suffix(".md").read_text(encoding="utf-8") == text
+    assert pictures
+    for name, data in pictures.items():
+        assert (FOLDER / name).read_bytes() == data
+    assert path.stat().st_size < LARGEST_BYTES
+    for cell in read(path)["cells"]:
+        assert cell["cell_type"] == "markdown" or cell["execution_count"] is not None
