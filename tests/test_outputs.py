@@ -25,6 +25,7 @@ from didim._tools.files import check_output, write_atomically, write_elsewhere
 from didim._tools.words import printable
 from didim.cli.main import main
 from didim.errors import DidimError, FitError, OutputError
+from didim.report import write
 from didim.robot.parameter_file import load_parameters
 
 
@@ -335,7 +336,7 @@ def test_no_output_is_written_over_an_input(
 
 
 def test_results_are_not_saved_over_what_they_were_made_of(inputs: Path) -> None:
-    """Files saved from Python, and under a name that nobody has read: the content decides."""
+    """Files and reports saved from Python, and under a name that nobody has read: the content decides."""
     experiment = didim.load_experiment("arm.toml")
     fit = identify(experiment, IDIMLS())
     before = contents(inputs)
@@ -346,19 +347,11 @@ def test_results_are_not_saved_over_what_they_were_made_of(inputs: Path) -> None
             didim.check(experiment).save(name)
     with pytest.raises(OutputError, match="the result was computed from this file"):
         fit.save_parameters("arm.toml")
+    with pytest.raises(OutputError, match="the result was computed from this file"):
+        write(Path(LOG), fit, experiment)
     assert contents(inputs) == before
     fit.save("fit.json")  # a result may be replaced by another
     didim.Identification.load("fit.json").save("fit.json")
-
-
-def test_reports_and_runs_are_not_saved_over_what_they_were_made_of(tmp_path: Path) -> None:
-    from didim.report import write
-
-    file = arm_file(arm_log(1), tmp_path, tmp_path / "arm.toml")
-    experiment = didim.load_experiment(file)
-    fit = identify(experiment, IDIMLS())
-    with pytest.raises(OutputError, match="the result was computed from this file"):
-        write(tmp_path / LOG, fit, experiment)
 
 
 @pytest.mark.parametrize("option", ["--json", "--report", "--save-parameters"])
