@@ -447,6 +447,20 @@ def test_derivatives_are_corrected_by_steps_and_kept_in_other_rows(tmp_path: Pat
         np.testing.assert_allclose(block @ step, one - other, atol=1e-12)
 
 
+def test_derivatives_that_cannot_be_simulated_leave_those_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = begun(Problem(twin(tmp_path, ARM.format(option=""), commands(3, 2.0, steps=True))))
+    errors, blocks, cost = now.errors, now.blocks, now.cost
+    nothing = [np.full_like(e, np.nan) for e in errors], [np.zeros_like(j) for j in blocks]
+    monkeypatch.setattr(Problem, "derivatives", lambda self, theta: nothing)
+    now.fresh = False
+    now.renew()
+    assert now.errors is errors
+    assert now.blocks is blocks
+    assert (now.cost, now.fresh) == (cost, True)
+
+
 @pytest.mark.usefixtures("without_drawing")
 def test_a_limited_acceleration_of_set_points(tmp_path: Path) -> None:
     """A chirp beyond the limit shows it, asked for or not, and steps of goals that rest pass it by."""

@@ -396,7 +396,7 @@ class Identification(Sampled, Pickled):
         return page(title, self.parameter_rows(), self.error_rows(), after.strip("\n"))
 
     def to_dataframe(self) -> Any:
-        """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.
+        """Return the tables of parameters as a pandas ``DataFrame``, indexed by name.
 
         Base parameters come first, then those of the logs: payloads, own offsets and friction of recordings, drive gains.
 

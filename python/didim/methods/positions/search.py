@@ -96,9 +96,15 @@ class Search:
         return a, b
 
     def renew(self) -> None:
-        """Take the derivatives at the point where the search stands."""
-        self.errors, self.blocks = self.problem.derivatives(self.theta)
-        self.cost, self.fresh = _cost(self, self.errors, self.theta), True
+        """Take the derivatives at the point where the search stands; those before remain where that cannot be simulated.
+
+        With the steps of all candidates a simulation may fail that the errors alone do not, at the edge of what can be simulated.
+        """
+        errors, blocks = self.problem.derivatives(self.theta)
+        self.fresh = True
+        if all(np.isfinite(e).all() for e in errors):
+            self.errors, self.blocks = errors, blocks
+            self.cost = _cost(self, errors, self.theta)
 
     def learn(self, step: Array, errors: Sequence[Array], squares: Array) -> None:
         """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns."""
