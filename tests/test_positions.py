@@ -15,7 +15,7 @@ import pytest
 import didim
 from didim import Identification
 from didim.cli.main import main
-from didim.errors import FitError
+from didim.errors import ExperimentError, FitError
 from didim.excitation.positions import excite_positions
 from didim.export.drives import drives_of
 from didim.export.mjcf_edit import edit_mjcf
@@ -30,7 +30,7 @@ from didim.methods.positions.search import begun, search
 from didim.methods.positions.stops import Stop
 from didim.model.limbs import limbs_of
 from didim.report import write
-from didim.result.iteration import Reporter
+from didim.result.iteration import Iteration, Reporter, Status
 from didim.result.positions.record import PositionRecord
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import recorded
@@ -488,6 +488,31 @@ def test_a_limited_acceleration_of_set_points(tmp_path: Path) -> None:
     (tmp_path / "lag.toml").write_text(plain.replace("# acceleration = {", "lag_s = {}\nacceleration = {"))
     with pytest.raises(FitError, match="without lag_s"):
         fitted(didim.load_experiment(tmp_path / "lag.toml"))
+    (tmp_path / "zero.toml").write_text(plain.replace("# acceleration = {", "acceleration = { min = 0.0,"))
+    with pytest.raises(ExperimentError, match="min must be above 0"):
+        didim.load_experiment(tmp_path / "zero.toml")
+
+
+@pytest.mark.usefixtures("without_drawing")
+def test_a_search_stops_in_the_trial_of_an_acceleration(tmp_path: Path) -> None:
+    t = np.arange(8 * RATE)[:, None] / RATE
+    r = 0.15 * np.sin(2.0 * np.pi * (0.5 + 0.16 * t) * t + np.arange(3.0))
+    twin(tmp_path, ARM.format(option=""), r, noise=1e-4, drive={"acceleration": 40.0})
+    path = tmp_path / "log.toml"
+    path.write_text(path.read_text().replace('[friction]\ncoulomb = "tanh"\nsmoothing_rad_s = 0.02\n', ""))
+    experiment = didim.load_experiment(path)
+    errors = [one.more["rms"] for one in fitted(experiment).history]
+    tried = 1 + next(k for k, (one, other) in enumerate(itertools.pairwise(errors)) if other < 0.5 * one)
+    for last in (tried, tried + 1):
+        seen: list[float] = []
+
+        def stop(now: Iteration, seen: list[float] = seen, last: int = last) -> bool:
+            seen.append(now.more["rms"])
+            return len(seen) == last
+
+        fit = didim.identify(experiment, callback=stop)
+        assert fit.status is Status.STOPPED
+        assert len(seen) == last
 
 
 def test_set_points_arrive_in_the_shortest_time() -> None:

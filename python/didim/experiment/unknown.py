@@ -79,6 +79,8 @@ def read_unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
         part = table.table(kind)
         low, high = RANGES.get(kind, (-math.inf, math.inf))
         low, high = part.number("min", low), part.number("max", high)
+        if kind == ACCELERATION and low <= 0.0:
+            part.fail(f"min must be above 0, got {low:g}")
         start, sigma = part.number("start", None), part.number("sigma", math.inf)
         if not low < high or (start is not None and not low <= start <= high):
             part.fail(f"min, start and max must be in order, got {low:g}, {start}, {high:g}")

@@ -268,9 +268,11 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
         )
     elif delay < 0.0:
         sentences.append(f"positions are read {-1e3 * delay:.4g} ms after commands act, which no file has")
-    if (most := min(drive.acceleration for drive in joints)) < math.inf:
+    if limits := [drive.acceleration for drive in joints if drive.acceleration < math.inf]:
+        least, most = min(limits), max(limits)
+        text = f"{most:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
         sentences.append(
-            f"set-points accelerate by at most {most:.4g} rad/s^2: no file has this, so plan the commands of fast motions"
+            f"set-points accelerate by at most {text} rad/s^2: no file has this, so plan the commands of fast motions"
         )
     return sentences
 

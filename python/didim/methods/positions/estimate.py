@@ -65,7 +65,7 @@ UNLIKE_SHARE = 0.4
 """Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
 SCALE = "positions show no common factor of all torques: with the masses of the file and kp off by 10 %, so are Ia, Fv, Fc and Off"
 """Sentence on what no log of positions tells."""
-GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
+GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s", ACCELERATION})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
 
@@ -104,10 +104,12 @@ def identify_positions(
         now = searched(now, options)
         shift = np.zeros(len(now.theta))
     planned = of_planned_set_points(now, options)
-    if planned is not now:
-        now, shift = planned, np.zeros(len(planned.theta))
-        if may_be_soft(experiment) and not (now.problem.soft or now.problem.sticks):
-            now, shift = search_of_either_friction(now, options)
+    if len(planned.theta) > len(now.theta):
+        shift = np.zeros(len(planned.theta))
+        law = planned.problem.soft or planned.problem.sticks or not may_be_soft(experiment)
+        if not (law or planned.status is Status.STOPPED):
+            planned, shift = search_of_either_friction(planned, options)
+    now = planned
     rest = without_pushes(now, options)
     if rest is not now and may_be_soft(experiment) and not (rest.problem.soft or rest.problem.sticks):
         # Pushes had hidden the law of friction.
@@ -332,11 +334,12 @@ def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> lis
         )
     findings.append(worded(kind="untold", sentence=SCALE, advice="", grade="note"))
     if planned := [row for row in rows if row["kind"] == ACCELERATION and row["by"] == "log"]:
-        most = max(float(row["value"]) for row in planned)
+        least, most = (end(float(row["value"]) for row in planned) for end in (min, max))
+        text = f"{most:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
         findings.append(
             worded(
                 kind="set-points",
-                sentence=f"set-points accelerate by at most {most:.3g} rad/s^2, and faster commands come late as no delay does",
+                sentence=f"set-points accelerate by at most {text} rad/s^2, and faster commands come late as no delay does",
                 advice="Compare it with the register of the servos",
                 grade="note",
                 parameters=tuple(row["name"] for row in planned),

@@ -165,13 +165,13 @@ def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
     )
     # `without_pushes` goes on with friction that sticks.
     found = _searched_anew(best[0], {**options, "tolerance": ROUGH} if problem.sticks else options)
-    if found.status is Status.STOPPED:
-        return replace(now, status=found.status)
     squares = np.array(
         [[part @ part for e in one.errors for part in np.array_split(e, STRETCHES)] for one in (now, found)]
     )
     lasting = np.delete(squares, np.argmax(squares[0] - squares[1]), axis=1).sum(axis=1)
-    return found if found.free[-1] and lasting[1] < PROMISED * lasting[0] else now
+    if found.free[-1] and lasting[1] < PROMISED * lasting[0]:
+        return found
+    return replace(now, status=found.status) if found.status is Status.STOPPED else now
 
 
 def with_softness(experiment: Experiment) -> Experiment:

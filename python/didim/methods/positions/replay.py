@@ -162,7 +162,7 @@ def _problem(fit: Identification, experiment: Experiment) -> tuple[Problem, Arra
     values = dict(zip(fit.names, fit.beta, strict=True))
     if SOFT[1] in values:
         experiment = with_softness(experiment)
-    if ACCELERATION in values and ACCELERATION not in experiment.unknown:
+    if ACCELERATION in values and not {ACCELERATION, "lag_s"} & {*experiment.unknown}:
         experiment = with_acceleration(experiment)
     problem = Problem(experiment, soft=soft, sticks=sticks, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
