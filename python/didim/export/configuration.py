@@ -225,7 +225,7 @@ def _with_gains(drives: Drives) -> list[JointDrive]:
 def _delays(
     drives: Sequence[JointDrive], step_s: float | None, ranges: Ranges | None = None
 ) -> tuple[int, int]:
-    """Return the least and the largest delay of drives with equal ones, in steps; a simulator acts upon no command before it."""
+    """Return the least and the largest delay of drives with equal ones, in steps, none negative."""
     own = {} if ranges is None else ranges.get("delay_s", {})
     ends = [end for drive in drives for end in own.get(drive.joint, (drive.delay_s,) * 2)]
     steps = [0 if step_s is None else max(0, round(end / step_s)) for end in ends]

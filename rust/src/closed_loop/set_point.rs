@@ -1,8 +1,8 @@
 //! The set-point of a servo that limits its acceleration, between the goals of a command that is held from sample to sample.
 //!
-//! Each goal is headed for in the shortest time: with the largest acceleration, then with the largest deceleration, to rest there. Bus servos
-//! plan so. One that rests at a goal of two samples or more leaves it by a jump, as real ones were seen to. Tested in
-//! `tests/test_positions.py`.
+//! Each goal is headed for in the shortest time: with the largest acceleration, then with the largest deceleration, to rest there. One that
+//! rests at a goal of two samples or more leaves it by a jump: steps of a real arm are met better so. How servos plan is not published; this
+//! is a model of it. Tested in `tests/test_positions.py`.
 
 /// Integrals from time 0 of the set-point at times (s), for goals at a rate (1/s) and a largest acceleration; before that it rests at the
 /// first. Zeros without goals.

@@ -17,7 +17,7 @@ from ..._tools.words import did_you_mean
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...experiment.loop import recordings_of
-from ...experiment.unknown import DRIVE, SOFT, UNITS, Shared, Unknown, joint_kinds
+from ...experiment.unknown import ACCELERATION, DRIVE, SOFT, UNITS, Shared, Unknown, joint_kinds
 from ...loop.controller import Controller
 from ...model.consistency import places_of
 from ...model.limbs import Limb
@@ -142,8 +142,8 @@ def file_values(experiment: Experiment, given: Mapping[str, float] | None = None
             [0.0 if servo is None else servo.lag_s for servo in robot.actuators or [None] * robot.n_dof]
         ),
     }
-    if "acceleration" in experiment.unknown:
-        drive["acceleration"] = np.full(robot.n_dof, np.inf)
+    if ACCELERATION in experiment.unknown:
+        drive[ACCELERATION] = np.full(robot.n_dof, np.inf)
         if "lag_s" in experiment.unknown or drive["lag_s"].any():
             raise FitError(f"{experiment.name}: [unknown.acceleration] is for servos without lag_s")
     drive |= dict(zip(SOFT, np.transpose(robot.softness or [SOFTNESS] * robot.n_dof), strict=True))

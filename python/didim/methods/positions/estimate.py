@@ -333,13 +333,14 @@ def _evidence(now: Search, rows: Sequence[dict[str, Any]], shares: Array) -> lis
             )
         )
     findings.append(worded(kind="untold", sentence=SCALE, advice="", grade="note"))
-    if planned := [row for row in rows if row["kind"] == ACCELERATION and row["by"] == "log"]:
+    planned = [row for row in rows if row["kind"] == ACCELERATION and row["by"] == "log"]
+    if planned := [row for row in planned if row["std"] is not None and row["std"] <= 0.5 * row["value"]]:
         least, most = (end(float(row["value"]) for row in planned) for end in (min, max))
         text = f"{most:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
         findings.append(
             worded(
                 kind="set-points",
-                sentence=f"set-points accelerate by at most {text} rad/s^2, and faster commands come late as no delay does",
+                sentence=f"set-points seem to accelerate by at most {text} rad/s^2, and lag behind faster commands",
                 advice="Compare it with the register of the servos",
                 grade="note",
                 parameters=tuple(row["name"] for row in planned),
