@@ -88,7 +88,7 @@ def counted_before(revision: str) -> Counter[str]:
 CEILINGS = {
     "files": 369,
     "imports, share of the lines of code (%)": 10.6,
-    "constants that are numbers": 560,
+    "constants that are numbers": 669,
     "private functions that one place calls": 499,
     "settings of results read as a table": 26,
     "branches on the law of a friction term outside terms/": 67,

@@ -23,6 +23,9 @@ UNBOUNDED = MappingProxyType({"none": math.inf})
 
 SCHEMA = 1
 """Version of the format that this code writes and reads."""
+COPIES = 4
+"""Memory that parsed JSON takes, as a multiple of the file's bytes: a number of 18 digits becomes an object of 32 bytes in a
+list."""
 
 
 def read_saved(path: str | Path) -> dict[str, Any]:
@@ -33,9 +36,7 @@ def read_saved(path: str | Path) -> dict[str, Any]:
     FitError
         When the file cannot be read, is not JSON, or not that of a result of this schema.
     """
-    # Memory that parsed JSON takes, as a multiple of the file's bytes: a number of 18 digits becomes an object of 32 bytes in a
-    # list.
-    raw = read_file(Path(path), FitError, copies=4)
+    raw = read_file(Path(path), FitError, copies=COPIES)
     try:
         data = json.loads(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, an integer of thousands of digits

@@ -27,6 +27,8 @@ from .terminal.messages import message, progress_lines
 if TYPE_CHECKING:
     from ..monte_carlo.results import StudyResults
     from ..monte_carlo.study import Progress
+STUDY_PROGRESS_S = 2.0
+"""Time (s) between two progress lines of a study."""
 
 
 def add(commands: Commands) -> None:
@@ -126,8 +128,7 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     elif options.mpi:
         executor = "mpi"
     lost = 0
-    # Time (s) between two progress lines of a study.
-    line = None if options.quiet or shows_progress() else progress_lines(2.0)
+    line = None if options.quiet or shows_progress() else progress_lines(STUDY_PROGRESS_S)
 
     def progress(state: Progress) -> None:
         nonlocal lost

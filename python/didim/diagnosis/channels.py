@@ -27,6 +27,13 @@ times."""
 BREAK = 10.0
 """Second difference of a jump, as a multiple of the usual one (exceeded by 1 of 100 samples): a smooth motion with noise
 reaches 4 to 5."""
+CLIPPED_SAMPLES = 8
+"""Smallest number of samples at the extreme value of a clipped channel."""
+CLIPPED_RATIO = 3.0
+"""Smallest ratio of the samples at the extreme value to those at the next one; a quantised parabola has 1 / (sqrt(2) - 1) =
+2.4."""
+FEWEST_LEVELS = 100
+"""Smallest number of values over a channel's range: with fewer, a step exceeds 1 % of it, about the accuracy of torques."""
 
 
 @dataclass(frozen=True)
@@ -204,13 +211,10 @@ def _clipped(channel: Channel) -> list[Finding]:
         at_top = sign * values >= top - room
         rest = (sign * values)[~at_top]
         count = int(at_top.sum())
-        # Smallest number of samples at the extreme value of a clipped channel.
-        if count < 8 or not rest.size:
+        if count < CLIPPED_SAMPLES or not rest.size:
             continue
         below = int(np.sum(rest >= rest.max() - room))
-        # Smallest ratio of the samples at the extreme value to those at the next one; a quantised parabola has 1 / (sqrt(2) -
-        # 1) = 2.4.
-        if count > 3.0 * below:
+        if count > CLIPPED_RATIO * below:
             findings.append((sign * top, count, int(np.argmax(at_top))))
     if not findings:
         return []
@@ -232,8 +236,7 @@ def _clipped(channel: Channel) -> list[Finding]:
 def _coarse(channel: Channel) -> list[Finding]:
     """Find a channel of few values."""
     levels = len(np.unique((channel.values / (np.abs(channel.values).max() or 1.0)).round(12)))
-    # Smallest number of values over a channel's range: with fewer, a step exceeds 1 % of it, about the accuracy of torques.
-    if levels >= 100 or levels == 1:
+    if levels >= FEWEST_LEVELS or levels == 1:
         return []
     moved = np.mean(~_same(channel.values))
     # A channel that hardly ever changes is at rest, not coarse.

@@ -56,6 +56,11 @@ SHOWN = 100.0
 """Largest gain over the declared one, and error over the torque, that the table of the controller shows."""
 MOST_ROUNDS = 3
 """Largest number of wrong declarations reported in one run; each is sought with its predecessors corrected."""
+KNOWN_LEFT = 0.7
+"""Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of the
+parameters themselves (load, friction, temperature) are not a wrong declaration."""
+MOST_GAPS = 5
+"""Largest number of gaps that are reported one by one."""
 
 
 def check(
@@ -284,9 +289,7 @@ def _causes(rows: LogRows, hints: list[Finding]) -> list[Finding]:
             if cause is None or not cause.certain:
                 hints += cause_findings(rows, cause) if rows.known is None else []
                 break
-            # Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of
-            # the parameters themselves (load, friction, temperature) are not a wrong declaration.
-            if rows.known is not None and cause.tried[0].decisive > 2.0 * rows.n * np.log(0.7):
+            if rows.known is not None and cause.tried[0].decisive > 2.0 * rows.n * np.log(KNOWN_LEFT):
                 break
             named += cause_findings(rows, cause)
             rows = rows.under(cause.tried[0].hypothesis)
@@ -347,8 +350,7 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
     for recording in dict.fromkeys(name for name, _ in faults):
         for kind in ADVICE:
             alike = [fault for name, fault in faults if name == recording and fault.kind == kind]
-            # Largest number of gaps that are reported one by one.
-            shown = alike[: 5 if kind == "gap" else 1]
+            shown = alike[: MOST_GAPS if kind == "gap" else 1]
             for fault in shown:
                 left = len(alike) - len(shown)
                 more = f"; there are {left} more" if left and fault is shown[-1] else ""

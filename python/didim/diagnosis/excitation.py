@@ -18,6 +18,15 @@ from ..result.finding import Finding, worded
 
 CAP = 1e3
 """Value that replaces the infinite uncertainty of a parameter without any effect, so that the matrix can be inverted."""
+RESTING = 0.02
+"""Speed, as a share of that of the fastest joint of the same kind, below which a joint rests."""
+SMALLEST_SHARE = 1e-6
+"""Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""
+UNCERTAIN_SHARE = 0.1
+"""Torque uncertainty on a rich motion due to one parameter, as a share of the joint's torque, from which it is reported. Logs
+of a good motion have 0.01 (simulated) to 0.05 (measured), a joint at rest 0.1 to 10 000."""
+CONFIGURATIONS = 500
+"""Number of random states of the rich motion."""
 
 
 def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
@@ -27,18 +36,14 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
     alike = np.equal.outer(robot.joint_kinds, robot.joint_kinds)
     speed, acceleration = (rms(values) for values in (dq, ddq))
     fastest, hardest = (np.max(alike * values, axis=1) for values in (speed, acceleration))
-    # Speed, as a share of that of the fastest joint of the same kind, below which a joint rests.
-    resting = np.flatnonzero(speed <= 0.02 * fastest)
+    resting = np.flatnonzero(speed <= RESTING * fastest)
     if len(resting) == rows.n:
         return []
     torque = np.sqrt(np.mean(rows.y**2, axis=1))
-    # Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise.
-    sigma = np.maximum(np.sqrt(rows.products.seen() / rows.y.shape[1]), 1e-6 * torque)
+    sigma = np.maximum(np.sqrt(rows.products.seen() / rows.y.shape[1]), SMALLEST_SHARE * torque)
     information = np.tensordot(1.0 / sigma**2, rows.products.g.sum(axis=1), 1)
     shares = _shares(rows, q, (fastest, hardest), torque, information * (n_rows / rows.y.shape[1]))
-    # Torque uncertainty on a rich motion due to one parameter, as a share of the joint's torque, from which it is reported.
-    # Logs of a good motion have 0.01 (simulated) to 0.05 (measured), a joint at rest 0.1 to 10 000.
-    uncertain = tuple(rows.names[k] for k in np.flatnonzero(shares > 0.1))
+    uncertain = tuple(rows.names[k] for k in np.flatnonzero(shares > UNCERTAIN_SHARE))
     if not uncertain:
         return []
     if len(resting):
@@ -68,8 +73,7 @@ def _shares(
 ) -> Array:
     """Torque that the uncertainty of each parameter makes on a rich motion, as a share of the joint's it acts on most."""
     rng, robot = np.random.default_rng(0), rows.robot
-    # Number of random states of the rich motion.
-    shape = (500, rows.n)
+    shape = (CONFIGURATIONS, rows.n)
     revolute = np.array([kind == "revolute" for kind in robot.joint_kinds])
     low = np.where(revolute, -np.pi, logged.min(axis=0))
     high = np.where(revolute, np.pi, logged.max(axis=0))

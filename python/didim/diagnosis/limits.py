@@ -26,6 +26,10 @@ THOUSAND, SPREAD = 1000.0, 10.0**0.5
 """Factor between N.m and mN.m, and the ratio by which masses and friction of a robot file may be wrong beside it."""
 FEW = 2
 """Largest number of joints beyond their limits that have a line each; more have one cause, and one line."""
+SEVERAL = 5.0
+"""Ratio to a limit beyond which a wrong unit or side is likelier than a fast robot."""
+LEAST_EFFORT = 0.01
+"""Share of its largest torque that a robot uses at least on a motion to be identified, the median of its joints."""
 
 
 def check_limits(experiment: Experiment, parts: list[Window]) -> list[Finding]:
@@ -88,8 +92,7 @@ def _ranges(far: Sequence[tuple[int, float, str]]) -> list[Finding]:
 
 def _limits(robot: str, what: str, beyond: Sequence[tuple[int, float, float, str, str]]) -> list[Finding]:
     def advice(ratio: float) -> str:
-        # Ratio to a limit beyond which a wrong unit or side is likelier than a fast robot.
-        if ratio > 5.0:
+        if ratio > SEVERAL:
             return "Look at unit, side, rate and reduction of the log"
         return "Look at the limits of the robot file, and at unit, side and rate of the log"
 
@@ -135,8 +138,7 @@ def check_torque_unit(robot: Robot, rows: LogRows, parts: list[Window]) -> list[
     if not known and all(efforts):
         largest = np.max([np.abs(part.tau).max(axis=0) for part in parts], axis=0)
         shares = largest / np.array(efforts, dtype=np.float64)
-        # Share of its largest torque that a robot uses at least on a motion to be identified, the median of its joints.
-        usual = np.median(shares) > 0.01 * THOUSAND and (shares <= ROOM * THOUSAND).all()
+        usual = np.median(shares) > LEAST_EFFORT * THOUSAND and (shares <= ROOM * THOUSAND).all()
         factors.append(THOUSAND if usual else 1.0)
     if not factors or not all(THOUSAND / SPREAD < factor < THOUSAND * SPREAD for factor in factors):
         return []

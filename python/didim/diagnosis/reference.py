@@ -25,6 +25,15 @@ FEWEST = 200
 """Smallest number of samples of a window for this check."""
 
 _ADVICE = "Log the reference that the controller gets, or leave [recording.reference] out: DIDIM and CLOE need a real one"
+CONSTANT = 1e-3
+"""Largest ratio of the reference's motion to that of its joint at which the reference is constant."""
+UNRELATED = 0.5
+"""Correlation of reference and position below which they do not belong to the same joint."""
+POWER = 0.999
+"""Share of the motion's power within its band."""
+QUIET = 0.3
+"""Ratio of the error's power density within the motion's band to that above it, below which the reference is a smoothed copy:
+white encoder noise alone has 1, and a controlled robot more."""
 
 
 def check_reference(experiment: Experiment) -> list[Finding]:
@@ -75,12 +84,10 @@ def _joint(q: Array, ref: Array, rate_hz: float) -> tuple[str, float]:
     error = ref - q
     if np.linalg.norm(error) <= SAME * size:
         return "same", 0.0
-    # Largest ratio of the reference's motion to that of its joint at which the reference is constant.
-    if np.linalg.norm(ref) <= 1e-3 * size:
+    if np.linalg.norm(ref) <= CONSTANT * size:
         return "constant", 0.0
     correlation = float(q @ ref) / (size * float(np.linalg.norm(ref)))
-    # Correlation of reference and position below which they do not belong to the same joint.
-    if correlation < 0.5:
+    if correlation < UNRELATED:
         return "unrelated", correlation
     dq = np.gradient(q) * rate_hz
     late = -float(dq @ error) / float(dq @ dq)
@@ -95,10 +102,7 @@ def _quiet(q: Array, error: Array) -> bool:
     """Whether the error has less power per Hz in the band of the motion than above it."""
     window = np.hanning(len(q))
     motion, power = (np.abs(np.fft.rfft(window * (values - values.mean()))) ** 2 for values in (q, error))
-    # Share of the motion's power within its band.
-    edge = int(np.searchsorted(np.cumsum(motion) / motion.sum(), 0.999)) + 1
+    edge = int(np.searchsorted(np.cumsum(motion) / motion.sum(), POWER)) + 1
     if edge < 4 or 2 * edge > len(motion):
         return False
-    # Ratio of the error's power density within the motion's band to that above it, below which the reference is a smoothed
-    # copy: white encoder noise alone has 1, and a controlled robot more.
-    return float(power[1:edge].mean()) < 0.3 * float(power[edge:].mean())
+    return float(power[1:edge].mean()) < QUIET * float(power[edge:].mean())

@@ -21,6 +21,9 @@ Criterion = Callable[[Array], tuple[float, Array]]
 
 FLOOR = 1e-13
 """Smallest eigenvalue of the scaled information matrix, as a share of the largest, that is not rounding."""
+CLEAR_PIVOT = 1e-5
+"""Smallest pivot of the scaled matrix's factor that proves M regular; below it the eigenvalues are computed. Its square is far
+above `FLOOR`."""
 
 
 def criterion(name: Name, wanted: Array | None = None) -> Criterion:
@@ -48,9 +51,7 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
     unit = matrix / np.outer(scale, scale)
     # Eigenvalues take ten times as long, on every thread of the linear algebra, so only for a nearly singular factor.
     factor, lost = dpotrf(unit, lower=1)
-    # Smallest pivot of the scaled matrix's factor that proves M regular; below it the eigenvalues are computed. Its square is
-    # far above `FLOOR`.
-    if not lost and float(np.diag(factor).min()) > 1e-5:
+    if not lost and float(np.diag(factor).min()) > CLEAR_PIVOT:
         half, _ = dtrtri(factor, lower=1)
         inverse = half.T @ half
         value = 2.0 * float(np.log(np.diag(factor)).sum() + np.log(scale).sum())

@@ -24,6 +24,10 @@ from .settings import ExcitationSettings
 INFLATED = 3.0
 """Ratio of a parameter's standard deviation to its value with all other parameters known, from which correlation is named as
 the reason why it is weak."""
+WEAK_PERCENT = 10.0
+"""Relative standard deviation (%) from which a parameter is listed as weak."""
+CORRELATED_ESTIMATES = 0.9
+"""Absolute correlation of two estimates from which one is named as the reason why the other is weak."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -141,13 +145,11 @@ class Excitation(Pickled, Printed):
                 # Without a nonzero value only an inseparable parameter is certainly weak.
                 weak, words = std[k] > INFLATED**2 * alone[k] or np.isinf(alone[k]), name
             else:
-                # Relative standard deviation (%) from which a parameter is listed as weak.
-                weak, words = not percent[k] <= 10.0, f"{name} ({percent[k]:.3g} %)"
+                weak, words = not percent[k] <= WEAK_PERCENT, f"{name} ({percent[k]:.3g} %)"
             row = np.abs(correlation[k])
             row[k] = 0.0
             other = int(row.argmax())
-            # Absolute correlation of two estimates from which one is named as the reason why the other is weak.
-            if weak and inflated and row[other] > 0.9:
+            if weak and inflated and row[other] > CORRELATED_ESTIMATES:
                 sentences.append(
                     f"weak: {words}; the motion hardly separates it from {self.names[other]} (correlation "
                     f"{correlation[k, other]:.2f})"

@@ -32,6 +32,9 @@ from .settings import ExcitationSettings
 from .settings_file import read_excitation
 from .task import Task
 
+TRIAL_SEED = 1_000_003
+"""Offset between the seeds of a start's random motions, large enough that no two starts share a motion."""
+
 
 def excite(
     robot: Robot | str | Path,
@@ -103,8 +106,7 @@ def _series(task: Task, progress: Progress, executor: Executor | None) -> Excita
         scaling = ScaledSeries(basis, limits, task.start, shrinks)
         trials = []
         for trial in range(TRIALS):
-            # Offset between the seeds of a start's random motions, large enough that no two starts share a motion.
-            seed = settings.seed + index + trial * 1_000_003
+            seed = settings.seed + index + trial * TRIAL_SEED
             offset = task.start if task.start is not None else task.resting_place(seed)
             shape = _random_shape(basis, limits, offset, seed)
             start = None

@@ -21,6 +21,15 @@ from .task import Task
 
 MOVE_RATE_HZ = 100.0
 """Sampling rate (Hz) of a move while points are exchanged."""
+WITHIN = 0.999
+"""Share of the torque limits that moves respect on the fine grid: accelerations jump at corners, which lie between its
+samples."""
+POINT_PASSES = 3
+"""Number of passes over all points: a fourth gained less than 1 % of the first's gain."""
+POINTS_TRIED = 25
+"""Number of random candidates for each point in a pass."""
+TRIES = 400
+"""Largest number of random points drawn until one is reachable within all limits."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,7 @@ class PointDesign:
 
     def verified(self, a: Array, b: Array) -> bool:
         """Whether torques and clearances of a move are within limits on the fine grid too."""
-        # Share of the torque limits that moves respect on the fine grid: accelerations jump at corners, which lie between its
-        # samples.
-        return self.keeps(*_sampled(self.reference(np.stack([a, b])), FINE * MOVE_RATE_HZ), 0.999)
+        return self.keeps(*_sampled(self.reference(np.stack([a, b])), FINE * MOVE_RATE_HZ), WITHIN)
 
     def keeps(self, q: Array, dq: Array, ddq: Array, share: float = 1.0) -> bool:
         """Whether a motion respects a share of the torque limits, and the clearances."""
@@ -101,12 +108,10 @@ class PointDesign:
         moves = [self.move(a, b) for a, b in pairwise(points)]
         best = self.value(moves)
         given = int(self.first is not None)
-        # Number of passes over all points: a fourth gained less than 1 % of the first's gain.
-        for _ in range(3):
+        for _ in range(POINT_PASSES):
             for k in range(given, len(points) - given):
                 around = [j for j in (k - 1, k) if 0 <= j < len(moves)]
-                # Number of random candidates for each point in a pass.
-                for candidate in self._draw(rng, 25):
+                for candidate in self._draw(rng, POINTS_TRIED):
                     tried = list(moves)
                     ends = {
                         j: (points[j], candidate) if j < k else (candidate, points[j + 1]) for j in around
@@ -150,8 +155,7 @@ class PointDesign:
             )
 
         while len(points) < count - (first is not None):
-            # Largest number of random points drawn until one is reachable within all limits.
-            for shrink in np.linspace(1.0, 0.2, 400):
+            for shrink in np.linspace(1.0, 0.2, TRIES):
                 # Candidates approach the previous point until one is reachable.
                 at = points[-1] if points else self.limits.middle
                 candidate = at + shrink * (self._draw(rng, 1)[0] - at)

@@ -52,6 +52,8 @@ COUNT = 2.0 * np.pi / 4096
 """Count (rad) of a usual encoder, to which the simulated log is rounded."""
 SHRUNK, MOST_SHRINKS = 0.8, 8
 """Factor of the swing where links come too near to each other or to the floor, and the most such steps."""
+SHARE_OF_RANGE = 0.4
+"""Largest distance from the middle, as a share of the joint's range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +214,7 @@ def _room(experiment: Experiment) -> tuple[Array, Array]:
     for joint, limits in enumerate(robot.limits):
         if limits.position is not None:
             low, high = limits.position
-            # Largest distance from the middle, as a share of the joint's range.
-            swing[joint] = min(swing[joint], 0.4 * (high - low))
+            swing[joint] = min(swing[joint], SHARE_OF_RANGE * (high - low))
             middle[joint] = min(max(middle[joint], low + swing[joint]), high - swing[joint])
     return middle, swing
 

@@ -20,6 +20,10 @@ from .series import SAMPLES_PER_PERIOD, ScaledSeries, Series
 
 FINE = 20
 """Ratio of the verification grid to the optimiser's grid: every limit is verified on this finer grid."""
+CLEARANCE_SCALE = 0.1
+"""Missing clearance (m) that weighs as much as a torque at twice its limit: a millimetre counts as 1 %."""
+SMALLEST_MOTION_SCALE = 0.01
+"""Scale of the amplitudes below which a motion identifies nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +133,7 @@ class Problem:
             None if torque_weights is None else self.x,
         )
         if not self.clearance.empty:
-            # Missing clearance (m) that weighs as much as a torque at twice its limit: a millimetre counts as 1 %.
-            short, slope = self.clearance.penalty(q, 0.1, self.extra_clearance)
+            short, slope = self.clearance.penalty(q, CLEARANCE_SCALE, self.extra_clearance)
             objective += weight * short
             gq = gq + weight * slope
         return objective, self.series.back(chain, *(self._whole(values) for values in (gq, gdq, gddq)))
@@ -179,8 +182,7 @@ class Problem:
         """
         exact = self.exact(series)
         factor = 1.0
-        # Scale of the amplitudes below which a motion identifies nothing.
-        while factor > 0.01:
+        while factor > SMALLEST_MOTION_SCALE:
             if self.keeps(scaled(exact, factor)):
                 return scaled(exact, factor)
             factor *= 0.995 if factor > 0.8 else 0.95

@@ -21,6 +21,10 @@ LOOKS = 400
 """Number of samples of a ramp on which torques and clearances are verified."""
 PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
 """Largest velocity, acceleration and jerk of the quintic from 0 to 1 within 1 s, at rest at both ends."""
+MOST_LONGER = 20
+"""Largest number of prolongations; a torque that is still too large comes from the path itself."""
+LONGER = 1.25
+"""Factor by which a ramp is prolonged until its torques keep their limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,16 +95,14 @@ def ramp(
                 f"the ramp between home and the start of the motion comes too near: {clearance.describe(int(column))}; "
                 "give another home or another start"
             )
-    # Largest number of prolongations; a torque that is still too large comes from the path itself.
-    for _ in range(20):
+    for _ in range(MOST_LONGER):
         needed = torques(*shortest.at(np.linspace(0.0, shortest.duration, LOOKS)))
         if needed is None:
             return shortest
         relative = np.abs(needed) / limits.torque
         if (relative <= 1.0).all():
             return shortest
-        # Factor by which a ramp is prolonged until its torques keep their limits.
-        shortest = Ramp(start=start, end=end, duration=1.25 * shortest.duration)
+        shortest = Ramp(start=start, end=end, duration=LONGER * shortest.duration)
     joint = int(relative.max(axis=0).argmax()) + 1
     raise ExcitationError(
         f"the ramp between home and the start of the motion needs more torque of joint {joint} than its limit, at any speed; "

@@ -33,6 +33,18 @@ CURVED = 1e-10
 """Smallest cosine between a step and the change of the gradient for a pair to be stored: below it the curvature is rounding."""
 CONVERGED = 1e-9
 """Relative decrease in one step below which the descent has converged."""
+MEMORY = 60
+"""Number of pairs (step, change of the gradient) stored for the quasi-Newton direction."""
+DECREASE = 1e-4
+"""Share of the decrease predicted by the slope that a step must achieve (Armijo)."""
+THINNED = 4
+"""Stride of the thinned grid, used until the last descent: five samples per period of the highest harmonic. It takes a third of
+the time and starts end as high as with a stride of 2."""
+KICK = 0.12
+"""Length of a perturbation, as a share of the joint's amplitudes: five of six end higher. 0.2 gains less in the same time; 0.5
+loses the best motion so far."""
+POLL_S = 0.2
+"""Time (s) between two checks for Ctrl-C."""
 
 
 class Descent:
@@ -60,8 +72,7 @@ class Descent:
     def __init__(self, objective: Objective, x: Array) -> None:
         self._objective, self.x = objective, x
         self.value, self._gradient = objective(x)
-        # Number of pairs (step, change of the gradient) stored for the quasi-Newton direction.
-        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=60)
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=MEMORY)
         self.converged = False
 
     def run(self, evaluations: int) -> None:
@@ -80,8 +91,7 @@ class Descent:
         for count in range(1, LINE_SEARCH_HALVINGS + 1):
             x = self.x + length * direction
             value, gradient = self._objective(x)
-            # Share of the decrease predicted by the slope that a step must achieve (Armijo).
-            if value <= self.value + 1e-4 * length * slope:
+            if value <= self.value + DECREASE * length * slope:
                 self._accept(x, value, gradient)
                 return count
             # Minimum of the parabola through both values and the slope, within bounds.
@@ -182,9 +192,7 @@ class Search:
         problem = self._problem
         penalised = problem.x is not None or not problem.clearance.empty
         try:
-            # Stride of the thinned grid, used until the last descent: five samples per period of the highest harmonic. It takes
-            # a third of the time and starts end as high as with a stride of 2.
-            problem.series.power, problem.thinning = POWERS[0], 4
+            problem.series.power, problem.thinning = POWERS[0], THINNED
             self._climb(starts)
             problem.series.power, problem.thinning = POWERS[1], 1
             self._weight = WEIGHTS[1]
@@ -205,9 +213,7 @@ class Search:
         best = min(trials, key=lambda trial: trial.value)
         best.run(self._evaluations(FIRST))
         for _ in range(round(HOPS * self._iterations / HOP)):
-            # Length of a perturbation, as a share of the joint's amplitudes: five of six end higher. 0.2 gains less in the same
-            # time; 0.5 loses the best motion so far.
-            tried = Descent(self._value, self._problem.series.perturbed(best.x, 0.12, self._rng))
+            tried = Descent(self._value, self._problem.series.perturbed(best.x, KICK, self._rng))
             tried.run(HOP)
             if tried.value < best.value:
                 best = tried
@@ -294,8 +300,7 @@ def search_all(
                 while len(futures) < len(starts):
                     futures.append(pool.submit(one, len(futures)))
                 while running:
-                    # Time (s) between two checks for Ctrl-C.
-                    running = bool(wait(futures, timeout=0.2).not_done)
+                    running = bool(wait(futures, timeout=POLL_S).not_done)
             except KeyboardInterrupt:
                 # A second Ctrl-C while the threads finish is raised as usual.
                 interrupted = True

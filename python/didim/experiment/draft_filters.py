@@ -44,6 +44,18 @@ REST_S = 0.5
 """Shortest rest (s) before or after the motion that is cut off."""
 SHORT = 0.1
 """Share of the stretch of motion beside it below which the first or last one is an approach or a way home."""
+CUTOFF_TIMES = 20.0
+"""Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
+LEAST_COMPARED_SAMPLES = 400
+"""Smallest number of samples for a comparison of cut-offs."""
+ROWS_TIMES = 6.0
+"""Highest frequency of the rows as a multiple of the velocity bandwidth: enough to identify inertia, gravity and friction."""
+LEAST_DECIMATED_ROWS = 200
+"""Smallest number of rows per joint after decimation."""
+COMPARED_BLOCKS = 20
+"""Number of blocks of time; every other one is held out."""
+AT_REST = 0.02
+"""Share of the largest speed below which the arm is at rest."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +94,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     rate = min(recording.rate_hz for recording in recordings)
     samples = min(stop - start for recording in recordings for start, stop in recording.windows)
     band, source = _band(recordings)
-    # Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth.
-    middle = 20.0 * band if band > 0.0 else 0.04 * rate
+    middle = CUTOFF_TIMES * band if band > 0.0 else 0.04 * rate
     middle = min(max(middle, LOWEST_SHARE * APART * rate), HIGHEST_SHARE * rate / APART)
     cutoffs = [float(f"{middle * factor:.2g}") for factor in (1.0 / APART, 1.0, APART)]
     moves = (
@@ -96,8 +107,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
         return SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
 
     plain = signal(cutoffs[1], cutoffs[1])
-    # Smallest number of samples for a comparison of cut-offs.
-    if not comparable or samples < 400:
+    if not comparable or samples < LEAST_COMPARED_SAMPLES:
         return Filters(plain, f"{moves}; cut-offs were not compared")
     # All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
     compared = [
@@ -158,10 +168,8 @@ def _row(numbers: Sequence[str]) -> str:
 
 def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:
     """Return the stages of the parallel filter, down to a few bandwidths, which averages friction missing in the model."""
-    # Highest frequency of the rows as a multiple of the velocity bandwidth: enough to identify inertia, gravity and friction.
-    wanted = 0.5 * rate / (6.0 * band) if band > 0.0 else 0.5 * rate / cutoff
-    # Smallest number of rows per joint after decimation.
-    factor = int(min(wanted, samples / 200))
+    wanted = 0.5 * rate / (ROWS_TIMES * band) if band > 0.0 else 0.5 * rate / cutoff
+    factor = int(min(wanted, samples / LEAST_DECIMATED_ROWS))
     stages: list[int] = []
     # Stages of at most 10, because a single filter for more would be unsound.
     while factor >= 2:
@@ -217,8 +225,7 @@ def _held_out_error(robot: Robot, recordings: Sequence[Recording], signal: Signa
     held = np.zeros(len(system.y), dtype=bool)
     for block in system.blocks:
         rows = block.rows.stop - block.rows.start
-        # Number of blocks of time; every other one is held out.
-        held[block.rows] = (20 * np.arange(rows)) // max(rows, 1) % 2 == 1
+        held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
     # Least squares with normalised rows per joint; unidentifiable parameters stay small.
     weights = np.zeros(len(system.y))
     for joint, size in zip(system.joints, system.norms(np.where(held, 0.0, system.y)), strict=True):
@@ -267,8 +274,7 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
         return None
     speed = np.abs(q[span:] - q[:-span])
     scale = speed.max(axis=0)
-    # Share of the largest speed below which the arm is at rest.
-    moving = np.any(speed > 0.02 * np.where(scale > 0.0, scale, np.inf), axis=1)
+    moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
     places = np.flatnonzero(moving)
     if not places.size:
         return None

@@ -37,6 +37,10 @@ NUMBER = re.compile(
     r"\"?[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\"?|\"?[+-]?(nan|inf(inity)?)\"?|", re.IGNORECASE
 )
 """Pattern of a number with either decimal sign, or of an empty cell."""
+SNIFFED_LINES = 50
+"""Number of first lines of a text from which delimiter and decimal sign are inferred."""
+LEAST_SIGNAL_SAMPLES = 16
+"""Smallest number of samples of a signal: MATLAB files also contain settings."""
 
 
 @dataclass
@@ -245,8 +249,7 @@ def whole_samples(sources: Sequence[LogSource], robot: Robot) -> dict[Path, int]
 
 def _signs(log: Path) -> tuple[str, str | None]:
     """Return delimiter and decimal sign of a text, with which the lines after the first are numbers."""
-    # Number of first lines of a text from which delimiter and decimal sign are inferred.
-    read = first_lines(log, RecordingError, 50, LONGEST_LINE)
+    read = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
     first, *lines = (line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in read)
     rows = [line for line in lines if line.strip()]
     for delimiter in (";", "\t", ",", " "):
@@ -269,8 +272,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
     columns: list[Column] = []
     for name in data.names:
         shape = data.shape(name)
-        # Smallest number of samples of a signal: MATLAB files also contain settings.
-        if not shape or max(shape) < 16 or len(shape) > 2:
+        if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
         kind = read_column(re.split(r"[/.]", name)[-1], robot.joint_names)
         labels = data.labels.get(name)

@@ -38,6 +38,8 @@ FIELDS = {
     "delay_s": "delay_s",
 }
 """Fields of a drive by the kind of an unknown."""
+STUCK_CREEP_S = 5e-6
+"""Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of 1 N.m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,9 +198,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
         given = {key: column[j] for key, column in servo.items() if j < n}
         soft = bool(positions.get("soft") or positions.get("sticks"))
         creep, rest = given.get(SOFT[0]), given.get(SOFT[1])
-        # Creep (s) of MuJoCo's friction where that of a result sticks: joints of 0.03 kg.m^2 creep by 0.1 mrad/s under half of
-        # 1 N.m.
-        creep = 5e-6 if positions.get("sticks") else creep
+        creep = STUCK_CREEP_S if positions.get("sticks") else creep
         drives.append(
             JointDrive(
                 joint=name,

@@ -20,6 +20,9 @@ from .._tools.words import known_names, listing
 from ..errors import RecordingError
 from .data_format import LOST_SAMPLE, Column, DataFile
 
+MOST_SIGNALS = 100
+"""Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample."""
+
 
 class ArrayFile(DataFile):
     """A file of named arrays. A format has two methods: `variables` and `array`; `shape` where it is known without reading.
@@ -160,8 +163,7 @@ class ArrayFile(DataFile):
 
 def samples_in_columns(shape: tuple[int, ...]) -> bool:
     """Whether a matrix has a sample in each column, as some programs of MATLAB write them (a vector is left as it is)."""
-    # Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample.
-    return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > 100
+    return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > MOST_SIGNALS
 
 
 MAT_NUMBERS = frozenset(

@@ -24,6 +24,8 @@ STENCIL = 4
 """Number of samples that a resampled value is interpolated from."""
 SLOWEST, FASTEST = 0.9, 10.0
 """Rates that may be asked for, in rates of the time stamps. A lower one would fold noise and motion over; filters come first."""
+LONGEST_STRETCH = 100.0
+"""Largest ratio of the time between the first and the last stamp to that of as many samples without a gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +126,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, as the time stamps have {1.0 / period:.6g} Hz; "
             "leave rate_hz out, and lower the rate with decimation under [signal]"
         )
-    # Largest ratio of the time between the first and the last stamp to that of as many samples without a gap.
-    if (stamps[-1] - stamps[0]) * rate > 100.0 * len(stamps):
+    if (stamps[-1] - stamps[0]) * rate > LONGEST_STRETCH * len(stamps):
         row = int(distinct[int(np.argmax(steps)) + 1])
         raise RecordingError(
             f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "

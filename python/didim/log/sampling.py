@@ -28,6 +28,9 @@ LATE_TOLERANCE, LATE_SHARE = 0.05, 0.01
 written late moves its sample by a twentieth of a step, and such steps together change the rate by less than `RATE_TOLERANCE`."""
 RATE_TOLERANCE = 1e-3
 """Largest relative difference between a declared sampling rate and that of the time stamps."""
+GAP = 0.5
+"""Excess of a time step over the sampling period, as a share of the period, that ends a rollout; smaller ones count as uneven
+sampling."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,9 +164,7 @@ def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> Wi
         assert t is not None
         steps = np.diff(t)
         period = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
-        # Excess of a time step over the sampling period, as a share of the period, that ends a rollout; smaller ones count as
-        # uneven sampling.
-        ends = np.flatnonzero((steps <= 0.0) | (steps > (1.0 + 0.5) * period))
+        ends = np.flatnonzero((steps <= 0.0) | (steps > (1.0 + GAP) * period))
     edges = [0, *(ends + 1).tolist(), n_samples]
     return tuple((start, stop) for start, stop in pairwise(edges) if stop - start >= MINIMUM_SAMPLES)
 

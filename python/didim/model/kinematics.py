@@ -17,6 +17,13 @@ from ..robot.robot import Robot
 from ..robot.transmission import joint_motion
 from .dynamics import per_joint
 
+REACH_POSES = 500
+"""Number of random poses from which the search for the longest reach starts."""
+JOINT_PASSES = 4
+"""Number of passes over the joints, each joint set to the best of `ANGLES` positions."""
+SLIDE_M = 1.0
+"""Half the travel (m) of a prismatic joint without limits."""
+
 
 def frames(robot: Robot, q: ArrayLike) -> Array:
     """Frames 0 to n of a robot, in frame 0.
@@ -90,11 +97,9 @@ def reach(robot: Robot) -> float:
     """
     ranges = np.array([_range(robot, joint) for joint in range(robot.n_dof)])
     rng = np.random.default_rng(0)
-    # Number of random poses from which the search for the longest reach starts.
-    q = rng.uniform(ranges[:, 0], ranges[:, 1], (500, robot.n_dof))
+    q = rng.uniform(ranges[:, 0], ranges[:, 1], (REACH_POSES, robot.n_dof))
     best = q[int(np.argmax(_distances(robot, q)))]
-    # Number of passes over the joints, each joint set to the best of `ANGLES` positions.
-    for _ in range(4):
+    for _ in range(JOINT_PASSES):
         for joint in range(robot.n_dof):
             tried = np.tile(best, (ANGLES, 1))
             tried[:, joint] = np.linspace(ranges[joint, 0], ranges[joint, 1], ANGLES)
@@ -122,8 +127,7 @@ def _range(robot: Robot, joint: int) -> tuple[float, float]:
     limits = robot.limits[joint].position
     if limits is not None:
         return limits
-    # Half the travel (m) of a prismatic joint without limits.
-    half = np.pi if robot.geometry.kinds[joint] == "revolute" else 1.0
+    half = np.pi if robot.geometry.kinds[joint] == "revolute" else SLIDE_M
     return -half, half
 
 

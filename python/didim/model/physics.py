@@ -23,6 +23,8 @@ NOT_NEGATIVE = re.compile(r"(XX|YY|ZZ|M|Ia|Fv|Fc|Fvm|Fcm)\d+[+-]?")
 
 NOISE_SIGMAS = 2.0
 """Standard deviations below which the sign of an estimate is not significant: one estimate in forty is negative by chance."""
+MOST_CONFIGURATIONS = 1000
+"""Largest number of samples of the log in which M(q) is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +102,7 @@ def _cannot_be_negative(robot: Robot, index: int) -> bool:
 def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[Flag]:
     """Flag on M(q), or nothing."""
     chosen = np.unique(
-        # Largest number of samples of the log in which M(q) is evaluated.
-        np.linspace(0, q.shape[0] - 1, min(q.shape[0], 1000)).round().astype(int)
+        np.linspace(0, q.shape[0] - 1, min(q.shape[0], MOST_CONFIGURATIONS)).round().astype(int)
     )
     x = robot.base_parameters.lift(beta)
     matrices = inertia_matrix(robot, q[chosen], x)

@@ -21,6 +21,10 @@ ATTEMPTS = 3
 
 Outcome = tuple[Any, Any, str | None]
 """Task with its result, or with None and a sentence on the failure of its workers."""
+WINDOW_PER_WORKER = 4
+"""Number of tasks submitted ahead per worker."""
+FIRST_LOSSES = 6
+"""Number of lost workers before the first result from which the study stops, because no worker works."""
 
 
 def run_all(
@@ -49,8 +53,7 @@ def run_all(
     StudyError
         When no worker works, or a broken executor cannot be restarted.
     """
-    # Number of tasks submitted ahead per worker.
-    run = _Run(function, pool, window or 4 * pool.workers)
+    run = _Run(function, pool, window or WINDOW_PER_WORKER * pool.workers)
     finished = False
     try:
         yield from run.results(iter(tasks))
@@ -168,7 +171,6 @@ class _Run:
         """Return the reason as text, or raise if no worker has ever returned a result."""
         self._losses += 1
         text = brief(" ".join(f"{type(reason).__name__}: {reason}".split()), 120)
-        # Number of lost workers before the first result from which the study stops, because no worker works.
-        if not self._results and self._losses >= 6:
+        if not self._results and self._losses >= FIRST_LOSSES:
             raise StudyError(f"no worker of {self._pool.name} has run a task: {text}") from reason
         return text

@@ -27,6 +27,10 @@ NAMES = ("process", "thread", "serial", "loky", "dask", "ray", "mpi")
 MALLOC_VARIABLE, LARGE_BYTES = "MALLOC_MMAP_THRESHOLD_", 1_000_000
 """Arrays of so many bytes go back to the system when they are freed (glibc reads the variable when a process starts). Otherwise the
 heap of a worker grows with every task: on the TX40 to 300 MB, and to 190 MB with it."""
+MOST_WORKERS = 10_000
+"""Upper bound of the number of workers that a user may ask for."""
+UNKNOWN_WORKERS = 16
+"""Number of workers assumed for an executor that does not report it."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,7 @@ def pool(
         For an unknown name, or a package that is missing.
     """
     if workers is not None:
-        # Upper bound of the number of workers that a user may ask for.
-        workers = whole("workers", workers, StudyError, least=1, most=10_000)
+        workers = whole("workers", workers, StudyError, least=1, most=MOST_WORKERS)
     if isinstance(executor, Executor):
         yield Pool(
             type(executor).__name__,
@@ -202,8 +205,7 @@ def _workers_of(executor: Executor) -> int:
     client = getattr(executor, "_client", None)
     if client is not None and hasattr(client, "nthreads"):
         return max(1, int(sum(client.nthreads().values())))
-    # Number of workers assumed for an executor that does not report it.
-    return 16
+    return UNKNOWN_WORKERS
 
 
 def _processes(workers: int) -> Executor:

@@ -23,6 +23,8 @@ LEVEL = 0.95
 TAILS = ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0)
 """Quantiles at the ends of an interval."""
 NAN = math.nan
+RESAMPLES = 400
+"""Number of bootstrap resamples of the runs for the interval of a figure."""
 
 
 @dataclass(frozen=True)
@@ -188,8 +190,7 @@ def _rms(z: Array) -> Estimate:
 
 def _resampled(runs: int) -> Array:
     """Return the weights of the runs in bootstrap resamples, (resamples, runs), reproducible for the same rows."""
-    # Number of bootstrap resamples of the runs for the interval of a figure.
-    chosen = np.random.default_rng(runs).integers(0, runs, (400, runs))
+    chosen = np.random.default_rng(runs).integers(0, runs, (RESAMPLES, runs))
     return np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
 
 

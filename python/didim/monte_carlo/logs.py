@@ -30,6 +30,8 @@ NOISE, STARTS = 0, 1
 
 Motion = tuple[Array, Array, Array, Array]
 """Position, velocity, acceleration and true torque of a motion, (n_samples, n_dof) each."""
+OTHER_SAMPLES = 1000
+"""Number of samples of the other motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +198,7 @@ def _other_motion(shared: Mapping[str, Any], keys: Keys, robot: Robot, x: Array)
     spec = experiment.reference
     if not isinstance(spec, ReferenceSpec) or spec.made is None:
         raise StudyError("[other_motion] needs a reference of its own, and not that of a recording")
-    # Number of samples of the other motion.
-    q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, 1000))
+    q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, OTHER_SAMPLES))
     simulated = experiment.simulated_robot
     return q, dq, ddq, inverse_dynamics(simulated, q, dq, ddq, x)
 

@@ -25,6 +25,10 @@ NO_FIT = (FAILED, ERROR, LOST)
 
 Line = tuple[int, Row | None]
 """Number of a line, from 1, and its row; None if the line is not a row."""
+LONGEST_ROW = 1 << 20
+"""Upper bound of the bytes of a row that is looked for in a file to be continued; one of 500 parameters has 20 kB."""
+SEARCHED = 1 << 26
+"""Bytes of a file to be continued in which a row is looked for."""
 
 
 @dataclass(frozen=True)
@@ -374,10 +378,8 @@ def _require_rows(path: Path) -> None:
     with path.open("rb") as file:
         opening = file.read(len(OPENING))
         file.seek(0)
-        # Upper bound of the bytes of a row that is looked for in a file to be continued; one of 500 parameters has 20 kB.
-        for line in iter(partial(file.readline, 1 << 20), b""):
-            # Bytes of a file to be continued in which a row is looked for.
-            if file.tell() > (1 << 26):
+        for line in iter(partial(file.readline, LONGEST_ROW), b""):
+            if file.tell() > SEARCHED:
                 break
             try:
                 row = json.loads(line)

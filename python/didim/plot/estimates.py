@@ -36,6 +36,12 @@ POINT_SPREAD = 0.5
 """Share of a row over which the points of several methods are spread."""
 MOST_SIGMAS = 8.0
 """Largest deviation (sigma) on the axis; larger ones are drawn at its edge."""
+ROWS_PER_COLUMN = 20
+"""Largest number of parameters in one column of the figure."""
+ROW_IN = 0.19
+"""Height of a parameter's row (inches)."""
+LINEAR_PERCENT = 1.0
+"""Share of the torque (%) up to which the axis of standardised parameters is linear."""
 
 
 def estimate_correlation(fit: Identification) -> tuple[tuple[str, ...], Array]:
@@ -195,11 +201,9 @@ def parameters(
 def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[Axes, list[int]]]]:
     """Create axes side by side, each for some of the parameters, the first on top."""
     n = len(names)
-    # Largest number of parameters in one column of the figure.
-    count = min(3, -(-n // 20))
+    count = min(3, -(-n // ROWS_PER_COLUMN))
     length = -(-n // count)
-    # Height of a parameter's row (inches).
-    figure = new_figure(extra_in + 0.19 * length)
+    figure = new_figure(extra_in + ROW_IN * length)
     axes = np.atleast_1d(figure.subplots(1, count))
     columns = []
     for column, ax in enumerate(axes):
@@ -233,8 +237,7 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
             ax.hlines(places, middle - reach_of, middle + reach_of, color=color, linewidth=1.4)
             style: dict[str, Any] = {"markersize": 4.2, "color": color, "markerfacecolor": face}
             ax.plot(middle, places, "o", label=labels[good], **style)
-        # Share of the torque (%) up to which the axis of standardised parameters is linear.
-        ax.set_xscale("symlog", linthresh=1.0, linscale=0.6)
+        ax.set_xscale("symlog", linthresh=LINEAR_PERCENT, linscale=0.6)
         ax.set_xlim(-reach, reach)
         ticks = [tick for tick in (1.0, 10.0, 100.0, 1000.0) if tick < reach]
         ax.set_xticks([-tick for tick in reversed(ticks)] + [0.0, *ticks])

@@ -11,6 +11,8 @@ from .style import FAINT, MODEL, RESIDUAL, Figure, legend_above, line, new_figur
 
 MOST_POSES = 60
 """Largest number of poses in the picture of the swept space."""
+PER_ROW = 3
+"""Number of joints side by side."""
 
 
 @styled
@@ -34,8 +36,7 @@ def motion(design: Excitation) -> Figure:
     """
     t, q, dq, ddq = design.sampled()
     n = design.robot.n_dof
-    # Number of joints side by side.
-    rows, columns = per_row(n, 3)
+    rows, columns = per_row(n, PER_ROW)
     figure = new_figure(2.1 * rows)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     limits = design.limits.whole

@@ -13,6 +13,8 @@ PANELS_PER_ROW = 3
 """Number of panels side by side."""
 PANEL_IN = 2.5
 """Height of a panel (inches)."""
+MOST_MARKS = 120
+"""Largest number of rows of the log in a panel."""
 
 
 @styled
@@ -43,8 +45,7 @@ def friction(fit: Identification, experiment: Experiment) -> Figure:
     figure = new_figure(PANEL_IN * rows + 0.3)
     for joint, curve in enumerate(curves):
         axes = figure.add_subplot(rows, columns, joint + 1)
-        # Largest number of rows of the log in a panel.
-        marks = slice(None, None, -(-len(curve.measured) // 120))
+        marks = slice(None, None, -(-len(curve.measured) // MOST_MARKS))
         axes.plot(
             curve.measured_speed[marks],
             curve.measured[marks],

@@ -36,6 +36,14 @@ PANELS_PER_ROW = 2
 """Number of panels side by side."""
 SMALLEST_CORRELATION_AXIS = 0.3
 """Smallest extent of an autocorrelation's axis to either side: white noise of a few hundred rows fills a third of it."""
+MOST_BAND_POINTS = 300
+"""Largest number of points of a prediction band: it varies slowly."""
+SMALL_PANELS_PER_ROW = 3
+"""Number of small panels side by side."""
+MOST_LAGS = 40
+"""Largest lag of an autocorrelation (rows)."""
+CONFIDENCE = 1.96
+"""Half width of a normal distribution's 95 % interval, in standard deviations."""
 
 
 @styled
@@ -191,8 +199,7 @@ def _compared(
         line(lower, difference, color=RESIDUAL, linewidth=0.8, label="difference")
         lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
         for t, half in bands:
-            # Largest number of points of a prediction band: it varies slowly.
-            thinned = slice(None, None, max(1, len(t) // 300))
+            thinned = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
             edge = half[thinned, joint]
             lower.fill_between(t[thinned], -edge, edge, color=FAINT, linewidth=0.0, zorder=0.4)
         upper.set_title(f"difference {notes[joint]}", loc="right", color=RESIDUAL, fontweight="normal")
@@ -233,15 +240,12 @@ def residuals(
     windows = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     n = len(kinds)
-    # Number of small panels side by side.
-    rows, columns = per_row(n, 3)
+    rows, columns = per_row(n, SMALL_PANELS_PER_ROW)
     n_rows = sum(len(window.t) for window in windows)
-    # Largest lag of an autocorrelation (rows).
-    n_lags = min(40, min(len(window.t) for window in windows) - 1)
+    n_lags = min(MOST_LAGS, min(len(window.t) for window in windows) - 1)
     figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows), gap_in=0.07)
     outer = figure.add_gridspec(rows, columns)
-    # Half width of a normal distribution's 95 % interval, in standard deviations.
-    band = 1.96 / np.sqrt(n_rows)
+    band = CONFIDENCE / np.sqrt(n_rows)
     handles: list[Any] = []
     for joint in range(n):
         # A single joint has room for both side by side.

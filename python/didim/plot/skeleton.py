@@ -15,6 +15,8 @@ from .style import FAINT, MODEL, RESIDUAL, Figure, new_figure, styled
 
 AXIS_SHARE = 0.13
 """Length of a drawn joint axis, as a share of the picture."""
+MOST_PATH_POINTS = 400
+"""Largest number of points of a drawn path."""
 
 
 @styled
@@ -46,8 +48,7 @@ def robot(robot: Robot, q: ArrayLike | None = None, *, motion: ArrayLike | None 
     tip_path = None
     if motion is not None:
         path = real_array("motion", motion, PlotError)
-        # Largest number of points of a drawn path.
-        path = path[:: max(1, len(path) // 400)]
+        path = path[:: max(1, len(path) // MOST_PATH_POINTS)]
         tip_path = frames(robot, path)[:, -1, :3, 3]
         if q is None:
             q = path[int(np.argmax(np.linalg.norm(tip_path - _along(robot, tip_path), axis=1)))]

@@ -17,6 +17,12 @@ from .style import CYCLE, FAINT, MARKERS, Axes, Figure, new_figure, per_row, pla
 
 MOST_TEXT = 70
 """Largest number of characters of a name in a picture."""
+MOST_PANELS = 12
+"""Largest number of panels of a figure."""
+MOST_IN_ROW = 3
+"""Largest number of panels side by side."""
+LINE_CHARACTERS = 38
+"""Largest number of characters of a line of a name beside a panel: it leaves half of a phone to the panel."""
 
 
 def _styles(study: StudyResults) -> dict[str, tuple[str, str]]:
@@ -92,8 +98,7 @@ def errors(study: StudyResults, key: str | None = None) -> Figure:
         keys = dict(truths[name]["keys"]) if name in truths else {}
         if _size(keys.pop(key, None)) is not None:
             panels.setdefault(json.dumps(keys, sort_keys=True), []).append(name)
-    # Largest number of panels of a figure.
-    groups = [names for names in panels.values() if len(names) > 1][:12]
+    groups = [names for names in panels.values() if len(names) > 1][:MOST_PANELS]
     return _panels(
         study,
         [(_common(names), names) for names in groups],
@@ -114,8 +119,7 @@ def _panels(
     abscissa: Callable[[Figures], float],
     label: str,
 ) -> Figure:
-    # Largest number of panels side by side.
-    rows, columns = per_row(len(groups), 3)
+    rows, columns = per_row(len(groups), MOST_IN_ROW)
     figure = new_figure(0.7 + 2.7 * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True, squeeze=False)).ravel()
     styles = _styles(study)
@@ -179,8 +183,7 @@ def coverage(study: StudyResults) -> Figure:
     _require(study)
     styles = _styles(study)
     names = [name for name in study.scenarios if any(f.scenario == name for f in study.figures)]
-    # Largest number of characters of a line of a name beside a panel: it leaves half of a phone to the panel.
-    labels = [textwrap.fill(_short(name), 38) for name in names]
+    labels = [textwrap.fill(_short(name), LINE_CHARACTERS) for name in names]
     figure = new_figure(0.9 + sum(max(0.34, 0.06 + 0.15 * (text.count("\n") + 1)) for text in labels))
     ax = figure.subplots()
     step = 0.7 / max(1, len(styles))

@@ -73,6 +73,8 @@ PanelPair = tuple[int, Axes, Axes]
 _PATH = re.compile(r' d="[^"]*"')
 _INDENT = re.compile(r" *\n *")
 _DIGITS = re.compile(r"(\.\d\d)\d+")
+NOTEBOOK_DPI = 80
+"""Resolution of a figure in a notebook (dots per inch)."""
 
 
 def require() -> None:
@@ -197,8 +199,7 @@ def _shown_figure() -> type[Figure]:
 
         def _repr_png_(self) -> bytes:
             data = io.BytesIO()
-            # Resolution of a figure in a notebook (dots per inch).
-            self.savefig(data, format="png", dpi=80)
+            self.savefig(data, format="png", dpi=NOTEBOOK_DPI)
             return data.getvalue()
 
         def __reduce__(self) -> Any:

@@ -118,6 +118,8 @@ PICTURE_STYLE = """\
 
 # Nothing may be fetched, even if a file name or a message contains HTML.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+DENSE = 10
+"""Number of columns beyond which a table is set smaller, to fit a screen of 1280 pixels."""
 
 
 @dataclass(frozen=True)
@@ -235,8 +237,7 @@ def table(
     right = set(numbers)
     ends = np.cumsum([span for _, span in groups])
     first = {int(end) for end in ends[:-1]}
-    # Number of columns beyond which a table is set smaller, to fit a screen of 1280 pixels.
-    dense = ' class="dense"' if len(head) > 10 else ""
+    dense = ' class="dense"' if len(head) > DENSE else ""
     lines = [f'<div class="scroll{" cards" if cards else ""}"><table{dense}>', "<thead>"]
     if groups:
         cells = (f'<th class="group" colspan="{span}">{escape(text)}</th>' for text, span in groups)

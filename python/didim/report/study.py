@@ -11,6 +11,9 @@ from ..monte_carlo.text import NOTES, cells
 from ..plot.studies import cost, coverage, errors
 from .page import Html, Level, page, paragraph, picture, section, table, verdict
 
+MOST_SENTENCES = 12
+"""Largest number of failure messages in a report."""
+
 
 def study_page(study: StudyResults) -> str:
     """Return the report of a study as HTML."""
@@ -48,8 +51,7 @@ def study_page(study: StudyResults) -> str:
         )
         rows = [
             [method, str(number), sentence]
-            # Largest number of failure messages in a report.
-            for (method, sentence), number in count.most_common(12)
+            for (method, sentence), number in count.most_common(MOST_SENTENCES)
         ]
         classes = {(k, 2): "wide" for k in range(len(rows))}
         sections.append(

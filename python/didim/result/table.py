@@ -28,6 +28,8 @@ PARAMETER_HEAD = ("parameter", "unit", "estimate", "sigma", "sigma %", "95 % low
 
 MOST_PLACES = 9
 """Largest number of decimals of a number in fixed point."""
+LARGEST_FIXED_POINT = 1e9
+"""Size up to which numbers are printed in fixed point."""
 
 
 class Estimates(NamedTuple):
@@ -250,8 +252,7 @@ def _decimal_places(std: float) -> int:
 
 def _number(value: float, places: int) -> str:
     """Write a number in fixed point, or with a power of ten if it would have many zeros."""
-    # Size up to which numbers are printed in fixed point.
-    fixed_point = places <= MOST_PLACES and abs(value) < 1e9
+    fixed_point = places <= MOST_PLACES and abs(value) < LARGEST_FIXED_POINT
     return f"{value:.{places}f}" if fixed_point else f"{value:.4g}"
 
 

@@ -30,6 +30,9 @@ LAWS = {
     "dahl": "friction with memory (Dahl)",
 }
 """Names of the friction laws that a residual is tested for."""
+CLEAR_POSITIONS = 1.0
+"""Shift by noise and steps of the positions, in standard deviations without it, from which a printed result mentions it: these
+are no longer the larger error."""
 
 
 @dataclass(frozen=True)
@@ -178,9 +181,7 @@ class Uncertainty(Pickled):
     def _position_lines(self, std: Array) -> list[str]:
         noise = self.without_shift(std)[: len(self.positions)]
         moved = quotient(np.abs(self.positions[: len(noise)]), noise)
-        # Shift by noise and steps of the positions, in standard deviations without it, from which a printed result mentions it:
-        # these are no longer the larger error.
-        if moved.max(initial=0.0) < 1.0:
+        if moved.max(initial=0.0) < CLEAR_POSITIONS:
             return []
         included = "sigma includes this" if self.kind == "jackknife" else "sigma does not include this"
         return [

@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 from .._tools.toml import Table
 from .placement import carriers
 
+NEIGHBOURS = 1
+"""Largest distance along the chain of two links whose capsules touch at their common joint and are not checked against each
+other."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Capsule:
@@ -69,8 +73,6 @@ def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) ->
         (i, j)
         for i, one in enumerate(capsules)
         for j, other in enumerate(capsules[i + 1 :], i + 1)
-        # Largest distance along the chain of two links whose capsules touch at their common joint and are not checked against
-        # each other.
-        if one.link != other.link and len(ways[i] ^ ways[j]) > 1
+        if one.link != other.link and len(ways[i] ^ ways[j]) > NEIGHBOURS
     ]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)

@@ -16,6 +16,8 @@ from .._tools.words import counted
 
 Pose = tuple[tuple[float, ...], ...]
 """First three rows of a homogeneous matrix."""
+ROTATION_TOLERANCE = 1e-9
+"""Largest entry of ``R R' - 1`` of a pose in a file: poses are written with all digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,8 +134,7 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
 def _read_pose(table: Table, key: str) -> Pose:
     rows = table.matrix(key, 3, 4)
     rotation = np.array(rows)[:, :3]
-    # Largest entry of ``R R' - 1`` of a pose in a file: poses are written with all digits.
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0.0:
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         table.fail(f"{key} must be the pose of a frame: its first three columns are not a rotation")
     return tuple(tuple(row) for row in rows)
 

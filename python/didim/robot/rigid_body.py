@@ -23,6 +23,8 @@ INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 EXACT = 1e-12
 """Bound of cosines and sines that count as zero, that is as right angles, as in the core."""
+BODY_TOLERANCE = 1e-12
+"""Largest negative eigenvalue of the central second moments that rounding explains, as a share of their trace."""
 
 
 def pose(rotation: Array, position: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
@@ -179,8 +181,7 @@ def why_no_body(pseudo: Array) -> str | None:
     if not moments[0] > 0.0:
         return f"its smallest moment of inertia about the centre of mass is {moments[0]:.4g} kg.m^2"
     excess = moments[2] - moments[0] - moments[1]
-    # Largest negative eigenvalue of the central second moments that rounding explains, as a share of their trace.
-    if excess > 1e-12 * moments.sum():
+    if excess > BODY_TOLERANCE * moments.sum():
         return (
             "its moments of inertia break the triangle inequality "
             f"({moments[2]:.4g} > {moments[0]:.4g} + {moments[1]:.4g} kg.m^2)"

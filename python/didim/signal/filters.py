@@ -35,6 +35,11 @@ LOST = 5e-4
 """Share of a derivative that central differences may lose: twice of it in the acceleration, less than inertias are known to."""
 SLOW = 4.0
 """Divisor of the cut-off, up to which derivatives are made good: motion is there, and noise beyond it."""
+CURVATURE_PERIODS = 2.0
+"""Length of the samples that the curvature at an end is estimated from, in periods of the cut-off: with fewer it is noisier
+than the filtered accelerations, with many more a cubic does not follow the motion."""
+LARGEST_POLE_ERROR = 1e-5
+"""Largest shift of a pole by rounding, as a share of its distance from the unit circle."""
 
 
 def zero_phase_butterworth(
@@ -126,9 +131,7 @@ def _extended(x: Array, period: float, least: int) -> tuple[Array, int]:
     """
     n = len(x)
     added = int(min(max(np.ceil(EXTENSION_PERIODS * period), least), n - 1))
-    # Length of the samples that the curvature at an end is estimated from, in periods of the cut-off: with fewer it is noisier
-    # than the filtered accelerations, with many more a cubic does not follow the motion.
-    count = int(min(max(np.ceil(2.0 * period) + 1, CURVATURE_DEGREE + 3), n))
+    count = int(min(max(np.ceil(CURVATURE_PERIODS * period) + 1, CURVATURE_DEGREE + 3), n))
     powers = np.vander(np.linspace(0.0, 1.0, count), CURVATURE_DEGREE + 1, increasing=True)
     second = 2.0 * np.linalg.pinv(powers)[2] / (count - 1.0) ** 2
     squares = np.arange(1, added + 1)[:, None] ** 2.0
@@ -363,8 +366,7 @@ def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[
         return False
     roots = np.concatenate([np.roots(denominator) for denominator in denominators])
     moved = np.array([np.abs(roots - pole).min() for pole in poles]) + np.finfo(np.float64).eps
-    # Largest shift of a pole by rounding, as a share of its distance from the unit circle.
-    return bool((moved <= 1e-5 * margin).all())
+    return bool((moved <= LARGEST_POLE_ERROR * margin).all())
 
 
 def checked_columns(x: Array) -> Array:

@@ -23,6 +23,12 @@ WIDEST_GAP = 50.0
 """Widest gap, in steps, compared with multiples of the step: in wider ones the step's own error dominates."""
 LARGEST_DECIMATION = 10_000
 """Upper bound of the product of the decimation factors: the spectrum of decimated noise has 2048 times as many points."""
+FEWEST_GAPS = 20
+"""Smallest number of gaps between a signal's levels from which its step is estimated."""
+ON_GRID = 0.95
+"""Smallest share of gaps that must be multiples of the step: by chance it is a fifth."""
+MOST_CHANGES = 0.9
+"""Largest share of samples that differ from their predecessor in a quantised signal."""
 
 
 def white_noise(values: Array) -> Array:
@@ -147,8 +153,7 @@ def _grid(values: Array) -> float:
     gaps = np.diff(levels)
     # Values that are equal, or differ by rounding, are one level.
     gaps = gaps[gaps > CHANGE_ROUNDING * scale]
-    # Smallest number of gaps between a signal's levels from which its step is estimated.
-    if gaps.size < 20:
+    if gaps.size < FEWEST_GAPS:
         return 0.0
     smallest = float(np.min(gaps))
     step = float(np.median(gaps[gaps < 1.5 * smallest]))
@@ -158,8 +163,7 @@ def _grid(values: Array) -> float:
     # Without a grid the gaps are spread evenly, and few are near a multiple of the smallest.
     # Largest distance of a gap from a multiple of the step, in steps, that rounding of printed digits explains.
     on_grid = np.abs(small / step - np.round(small / step)) < 0.1
-    # Smallest share of gaps that must be multiples of the step: by chance it is a fifth.
-    return step if small.size >= 0.5 * gaps.size and np.mean(on_grid) > 0.95 else 0.0
+    return step if small.size >= 0.5 * gaps.size and np.mean(on_grid) > ON_GRID else 0.0
 
 
 def smallest_step(values: Array, ranges: Array) -> Array:
@@ -172,8 +176,7 @@ def smallest_step(values: Array, ranges: Array) -> Array:
     smallest = np.zeros(values.shape[1])
     for joint, (column, size) in enumerate(zip(steps.T, ranges, strict=True)):
         changes = column[column > CHANGE_ROUNDING * size]
-        # Largest share of samples that differ from their predecessor in a quantised signal.
-        if changes.size and changes.size <= 0.9 * column.size:
+        if changes.size and changes.size <= MOST_CHANGES * column.size:
             smallest[joint] = changes.min()
     return smallest
 

@@ -14,6 +14,10 @@ PIECES = 16
 `ABOVE_NOISE`, that of a single piece does at one frequency in a thousand."""
 BAND = 0.99
 """Share of the velocity's power that lies within its band."""
+SHORTEST_PIECE = 64
+"""Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise."""
+LONGEST_PIECE = 16384
+"""Largest number of samples of a piece whose spectrum is computed."""
 
 
 def welch(x: Array, rate_hz: float, size: int, trend: int | None = None) -> tuple[Array, Array]:
@@ -84,8 +88,7 @@ def contiguous_band(recording: Recording) -> float:
     """
     start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
     size = 2 * (stop - start) // (PIECES + 1)
-    # Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise.
-    if size < 64:
+    if size < SHORTEST_PIECE:
         return 0.0
     band = 0.0
     for joint in range(recording.q.shape[1]):
@@ -106,8 +109,7 @@ def contiguous_band(recording: Recording) -> float:
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     """Return frequencies in Hz and in rad per sample, and the power of a joint's position, less the noise."""
     rate = recording.rate_hz
-    # Largest number of samples of a piece whose spectrum is computed.
-    size = min([16384, *(stop - start for start, stop in recording.windows)])
+    size = min([LONGEST_PIECE, *(stop - start for start, stop in recording.windows)])
     if size < 32:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     powers, lengths = [], []

@@ -25,6 +25,8 @@ NORMAL_MAD = 1.4826
 """Ratio of standard deviation to median absolute deviation of normal noise."""
 AT_ONCE = 16384
 """Number of samples whose windows are sorted at once, which bounds the memory."""
+SPIKE_THRESHOLD = 4.0
+"""Distance from the median, in robust standard deviations, beyond which a sample is a spike."""
 
 
 def hampel(values: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -57,8 +59,9 @@ def hampel(values: Array) -> tuple[Array, NDArray[np.bool_]]:
         distance = np.abs(cleaned[:, column] - middle)
         # Rounding of constant signals is not a spike.
         floor = 1e-12 * np.abs(middle)
-        # Distance from the median, in robust standard deviations, beyond which a sample is a spike.
-        spikes[:, column] = distance > 4.0 * scale + np.maximum(floor, _resolution(cleaned[:, column]))
+        spikes[:, column] = distance > SPIKE_THRESHOLD * scale + np.maximum(
+            floor, _resolution(cleaned[:, column])
+        )
         cleaned[spikes[:, column], column] = middle[spikes[:, column]]
     return cleaned, spikes
 

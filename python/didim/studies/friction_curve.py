@@ -23,6 +23,8 @@ from .prediction import fitted_experiment
 
 SPEEDS = 401
 """Number of speeds of a curve, from the largest negative to the largest positive one."""
+LOADS = (5.0, 50.0, 95.0)
+"""Percentiles of the torque of links and rotors: light, median and heavy load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +111,7 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
         grid = np.linspace(-fastest, fastest, SPEEDS)
         torque, share = _alone(robot, joint, grid, friction_only)
         size = np.abs(load[:, joint])
-        # Percentiles of the torque of links and rotors: light, median and heavy load.
-        light, median, heavy = np.percentile(size, (5.0, 50.0, 95.0))
+        light, median, heavy = np.percentile(size, LOADS)
         curves.append(
             FrictionCurve(
                 speed=grid,

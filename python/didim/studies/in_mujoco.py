@@ -46,6 +46,8 @@ SAME = 1e-12
 """Difference of commands (rad or m) that is rounding."""
 NEAR = 1.05
 """Error in MuJoCo over that of the result, below which its steps are short enough."""
+MOST_STEP_S = 0.02
+"""Longest time step (s) of a replay: servos oscillate within some hundredths of a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,8 +270,7 @@ def _errors(
     squares, count = np.zeros(len(drives.joints)), np.zeros(len(drives.joints))
     for logged in recordings:
         recording = logged.recording
-        # Longest time step (s) of a replay: servos oscillate within some hundredths of a second.
-        steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, 0.02)) - 1e-6))
+        steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
         model.opt.timestep = 1.0 / (recording.rate_hz * steps)
         own, drawn = _loaded(model, path.name, drives, logged)
         delayed = (_corrected if corrected else _stepped)(own, path.name, drawn)

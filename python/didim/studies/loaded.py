@@ -30,6 +30,8 @@ OF_SIMULATION = ("coulomb", "smoothing", "dead_zone")
 """Keys of friction that a result of simulated motion has for its simulation, not for measured motion."""
 OF_RATE = ("trim_start", "trim_end", "decimation")
 """Keys of filters in samples, which belong to the rate of a log."""
+SAME_RATE = 0.01
+"""Largest difference of two rates, as a share, at which samples are as long: clocks differ by less."""
 
 
 def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> list[Array]:
@@ -175,8 +177,7 @@ def _signal(fit: Identification, experiment: Experiment) -> SignalProcessing:
         return own
     rates = [recording.rate_hz for recording in experiment.recordings]
     fitted = [each["rate_hz"] for each in fit.settings.get("recordings", ()) if each.get("rate_hz")]
-    # Largest difference of two rates, as a share, at which samples are as long: clocks differ by less.
-    if not fitted or any(abs(rate / fitted[0] - 1.0) > 0.01 for rate in rates):
+    if not fitted or any(abs(rate / fitted[0] - 1.0) > SAME_RATE for rate in rates):
         signal = replace(signal, **{key: getattr(own, key) for key in OF_RATE})
     if signal.cutoff_hz is not None and signal.cutoff_hz >= 0.5 * min(rates):
         signal = replace(signal, cutoff_hz=own.cutoff_hz)

@@ -22,6 +22,8 @@ PACKAGED = Path(__file__).parents[1] / "packaged" / "experiments"
 
 LOG_REFINEMENT = 4
 """Ratio of the identification's time steps to those with which the log is simulated."""
+MOST_PILOTS = 6
+"""Upper bound of a log's simulation runs: each refines the steps where the velocities of the previous run were near zero."""
 
 
 def packaged_experiment(robot: str) -> Experiment:
@@ -85,8 +87,7 @@ def simulated_log(
 
     loop = closed_loop(experiment)
     recording: Recording | None = None
-    # Upper bound of a log's simulation runs: each refines the steps where the velocities of the previous run were near zero.
-    for _ in range(6):
+    for _ in range(MOST_PILOTS):
         arrays, outcomes = loop.divided(refinement).run(x[None])
         if not outcomes[0].completed:
             raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")

@@ -24,6 +24,8 @@ from .base import At
 from .unknown import Unknown
 
 Kind = Literal["payload", "offset", "friction", "gain"]
+DEPENDENT_COLUMN = 1e-9
+"""Norm of a unit column's component orthogonal to the others below which it depends on them: rounding."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +144,7 @@ def independent(vectors: Sequence[Array]) -> list[int]:
             for other in basis:
                 rest = rest - other * (other @ rest)
         left = np.linalg.norm(rest)
-        # Norm of a unit column's component orthogonal to the others below which it depends on them: rounding.
-        if left > 1e-9:
+        if left > DEPENDENT_COLUMN:
             basis.append(rest / left)
             chosen.append(index)
     return chosen

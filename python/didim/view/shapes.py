@@ -35,6 +35,8 @@ SKELETON_SHARE = 0.022
 """Radius of the skeleton, as a share of the robot's reach: thick enough to see, thin enough to show a wrong row."""
 AXIS_SHARE = 0.09
 """Half the length of a drawn joint axis, as a share of the robot's reach."""
+SMALLEST_M = 1e-9
+"""Length (m) below which a segment has no direction and is not drawn."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,8 +114,7 @@ def segment(
     """Return the cylinder between two points of a link (m); none if they coincide."""
     between = end - start
     length = float(np.linalg.norm(between))
-    # Length (m) below which a segment has no direction and is not drawn.
-    if length < 1e-9:
+    if length < SMALLEST_M:
         return []
     z = between / length
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])

@@ -22,12 +22,13 @@ COMMANDS = {
     "methods": ("methods", "compare", "study"),
 }
 """Commands by purpose, in the order in which they are needed. Commands that are not listed here follow at the end."""
+WIDEST_HELP = 100
+"""Largest width of the help (columns); longer lines are hard to read."""
 
 
 def help_width() -> int:
     """Return the width of the help (columns)."""
-    # Largest width of the help (columns); longer lines are hard to read.
-    return min(columns() or 80, 100)
+    return min(columns() or 80, WIDEST_HELP)
 
 
 class Formatter(argparse.HelpFormatter):

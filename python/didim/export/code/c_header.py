@@ -20,6 +20,9 @@ from ...robot.robot import Robot
 from .equations import Equations, of_all_joints, remembering
 from .expression import FUNCTIONS, Expression, Graph
 
+_LONGEST = 90
+"""Largest number of characters of an expression without a variable of its own."""
+
 
 @dataclass(kw_only=True)
 class _Written(Graph):
@@ -219,8 +222,7 @@ def _function(robot: Robot, values: Mapping[str, float], prefix: str, function: 
     for index in needed:
         name, operands = graph.nodes[index]
         text = _text(name, operands, texts, prefix)
-        # Largest number of characters of an expression without a variable of its own.
-        if name not in ("leaf", "number") and (uses[index] > 1 or len(text) > 90):
+        if name not in ("leaf", "number") and (uses[index] > 1 or len(text) > _LONGEST):
             lines.append(f"    const double t{index} = {_bare(text)};")
             text = f"t{index}"
         texts[index] = text

@@ -33,6 +33,8 @@ _REFUSED = {
     "warm_viscous": "depends on the temperature",
     "warm_coulomb": "depends on the temperature",
 }
+LARGEST_DENOMINATOR = 12
+"""Largest denominator for which a number is written as a fraction."""
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,7 @@ def _short(sympy: Any, value: Any) -> Any:
     """Simplify a coefficient: fewer sines and cosines, decimals instead of long fractions."""
     value = sympy.trigsimp(sympy.expand(value))
     return value.xreplace(
-        # Largest denominator for which a number is written as a fraction.
-        {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > 12}
+        {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > LARGEST_DENOMINATOR}
     )
 
 

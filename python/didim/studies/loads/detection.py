@@ -16,6 +16,17 @@ SHORTEST_S = 0.004
 """Shortest contact (s), whatever the noise."""
 CLEAR_SHARE = 0.3
 """Share of the squared residual after the change that it must explain."""
+SOKAL = 5.0
+"""Number of lags, in correlation times, over which an autocorrelation is summed (Sokal, 1997): further lags only add noise."""
+APART_S = 0.15
+"""Gap (s) below which two events are one."""
+HIGH = 1.5
+"""Torque, as a multiple of its limit, from which it is a contact of any duration: at 6 sigma, noise exceeds the limit by a few
+percent."""
+CHANGE_TIMES = 400
+"""Number of candidate times of a payload change."""
+CLEAR_PAYLOAD_GAIN = 60.0
+"""Reduction of the squared weighted residual by a payload change, which has ten parameters, from which it is reported."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +107,7 @@ def shortest_s(torque: Array, limits: Array, rate_hz: float, threshold: float) -
         correlation = np.fft.irfft(spectrum)[: len(column)]
         if correlation[0] > 0.0:
             times = 2.0 * np.cumsum(correlation) / correlation[0] - 1.0
-            # Number of lags, in correlation times, over which an autocorrelation is summed (Sokal, 1997): further lags only add
-            # noise.
-            wide = np.flatnonzero(np.arange(len(times)) >= 5.0 * times)
+            wide = np.flatnonzero(np.arange(len(times)) >= SOKAL * times)
             lengths[joint] = times[wide[0]] if wide.size else times[-1]
     return np.asarray(np.sqrt(2.0 * np.pi) * lengths / rate_hz / threshold)
 
@@ -119,8 +128,7 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
     over = np.abs(torque) > limits
     merged: list[tuple[int, int]] = []
     for start, stop in true_ranges(np.asarray(over.any(axis=1))):
-        # Gap (s) below which two events are one.
-        if merged and t[start] - t[merged[-1][1] - 1] < 0.15:
+        if merged and t[start] - t[merged[-1][1] - 1] < APART_S:
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))
@@ -130,9 +138,7 @@ def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = S
             continue
         clear = np.max(np.abs(torque[start:stop]) / limits[start:stop], axis=0)
         lasting = over[start:stop].sum(axis=0) * step >= np.maximum(shortest, SHORTEST_S)
-        # Torque, as a multiple of its limit, from which it is a contact of any duration: at 6 sigma, noise exceeds the limit by
-        # a few percent.
-        if not (lasting | (clear >= 1.5)).any():
+        if not (lasting | (clear >= HIGH)).any():
             continue
         joints = [int(joint) for joint in np.argsort(-clear) if clear[joint] > 1.0]
         places = [start + int(np.argmax(np.abs(torque[start:stop, joint]))) for joint in joints]
@@ -177,8 +183,7 @@ def payload_change(
     squares = np.cumsum(np.sum(r**2, axis=1)[::-1])[::-1]
     # Ten parameters for only the last rows would fit anything.
     last = rows - max(20, rows // 20)
-    # Number of candidate times of a payload change.
-    places = np.unique(np.linspace(0, max(0, last), 400).astype(int))
+    places = np.unique(np.linspace(0, max(0, last), CHANGE_TIMES).astype(int))
     ridge = 1e-9 * np.trace(grams[0]) / grams.shape[1] * np.eye(grams.shape[1])
     solutions = np.linalg.solve(grams[places] + ridge, scores[places][:, :, None])[:, :, 0]
     gains = np.einsum("ck,ck->c", solutions, scores[places])
@@ -192,8 +197,7 @@ def payload_change(
     later = 2.0 * theta @ scores[half] - theta @ grams[half] @ theta
     known = [k for k, index in enumerate(names) if INERTIAL[index] in ("M", "MX", "MY", "MZ")]
     if (
-        # Reduction of the squared weighted residual by a payload change, which has ten parameters, from which it is reported.
-        gains[best] < 60.0 * noise
+        gains[best] < CLEAR_PAYLOAD_GAIN * noise
         or gains[best] < CLEAR_SHARE * squares[column]
         or later < CLEAR_SHARE * squares[half]
         or not clear[known].any()

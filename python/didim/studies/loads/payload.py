@@ -47,6 +47,16 @@ UNNAMED = "payload"
 
 UNKNOWN_BODY = frozenset({"no-load", "load-inside", "absurd-load"})
 """Codes of findings by which centre and inertia of a payload are not known."""
+LARGEST_NUMBER_OF_FRAMES = 3
+"""Number of links fixed to the last moving one that notes name."""
+SAME_FRAME = 1e-7
+"""Entry of a pose's difference from identity up to which two frames are the same."""
+WEIGHT_PASSES = 4
+"""Number of solutions, each with the weights of its predecessor."""
+EXACT_VARIANCE = 1e-14
+"""Variance, as a share of the largest with each parameter in its own unit, below which a direction of the robot is exact."""
+PAYLOAD_DRAWS = 400
+"""Number of draws of the estimate for the intervals of mass, centre and inertia."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,15 +266,13 @@ def other_frames(robot: Robot, flange: Pose | None) -> tuple[str, ...]:
             f"links fixed to {last.link}: {series(last.lumped, 40)}; if the pendant uses the frame of one, write its pose "
             "there under [flange] (xyz_m, rpy_rad)",
         )
-    # Number of links fixed to the last moving one that notes name.
-    poses = zip(last.lumped[:3], last.lumped_poses, strict=False)
+    poses = zip(last.lumped[:LARGEST_NUMBER_OF_FRAMES], last.lumped_poses, strict=False)
     return tuple(_for_coordinates_of(brief(link), homogeneous(pose)) for link, pose in poses)
 
 
 def _for_coordinates_of(link: str, pose: Array) -> str:
     """Return the sentence on a link with this pose, (4, 4), in the frame of the flange."""
-    # Entry of a pose's difference from identity up to which two frames are the same.
-    if np.allclose(pose, np.eye(4), rtol=0.0, atol=1e-7):
+    if np.allclose(pose, np.eye(4), rtol=0.0, atol=SAME_FRAME):
         return f"link {link} has the same coordinates"
     # Adding zero turns -0.0 into 0.0.
     numbers = np.round([*pose[:3, 3], *roll_pitch_yaw(pose[:3, :3])], 7) + 0.0
@@ -317,8 +325,7 @@ def _solve(
     prior = np.hstack([np.eye(k), np.zeros((k, e))])
     start = np.linalg.lstsq(columns[:, k:], y, rcond=None)[0]
     residual = y - columns[:, k:] @ start
-    # Number of solutions, each with the weights of its predecessor.
-    for _ in range(4):
+    for _ in range(WEIGHT_PASSES):
         weights = per_row(system, 1.0 / joint_sigma(replace(system, y=y), residual))
         a = np.vstack([columns * weights[:, None], prior])
         solution = np.linalg.lstsq(a, np.concatenate([y * weights, np.zeros(k)]), rcond=None)[0]
@@ -354,8 +361,7 @@ def _root(covariance: Array) -> Array:
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    # Variance, as a share of the largest with each parameter in its own unit, below which a direction of the robot is exact.
-    known = values > 1e-14 * values[-1]
+    known = values > EXACT_VARIANCE * values[-1]
     return np.asarray(scale[:, None] * vectors[:, known] * np.sqrt(values[known]))
 
 
@@ -363,8 +369,7 @@ def _with_body(estimate: PayloadEstimate, found: _Found, seed: int) -> PayloadEs
     """Return the estimate with its nearest body, and intervals from draws."""
     theta, covariance, known, columns = found.theta, found.covariance, found.known, found.columns
     factor = student_factor(0.95, estimate.degrees_of_freedom) / student_factor(0.95, float("inf"))
-    # Number of draws of the estimate for the intervals of mass, centre and inertia.
-    noise = np.random.default_rng(seed).standard_normal((400, len(theta)))
+    noise = np.random.default_rng(seed).standard_normal((PAYLOAD_DRAWS, len(theta)))
     draws = theta + factor * noise @ np.linalg.cholesky(covariance).T
     bodies = nearest_bodies(np.vstack([theta, draws]), covariance, known, columns)
     numbers = np.array([_numbers(body) for body in bodies])

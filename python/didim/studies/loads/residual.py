@@ -50,6 +50,10 @@ CONTACT_THRESHOLD = 6.0
 """External torque, in standard deviations, from which the observer reports a contact."""
 SLOW = 0.02
 """Speed, as a share of the joint's largest in the window, below which the sign of its friction is unknown."""
+SETTLING = 5.0
+"""Time after the start of a window that is ignored, in time constants of the observer."""
+NORMAL = 1.4826
+"""Ratio of standard deviation to median absolute deviation of normal noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -337,16 +341,14 @@ def _window(
     observer = observe(experiment.robot, x, q, tau, rate, bandwidth_hz=bandwidth_hz)
     observed = observer.torque
     when = times[:, 0]
-    # Time after the start of a window that is ignored, in time constants of the observer.
-    settling_s = 5.0 / (2.0 * np.pi * bandwidth_hz)
+    settling_s = SETTLING / (2.0 * np.pi * bandwidth_hz)
     settled = when - when[0] > settling_s
     if not settled.any():
         raise ExperimentError(
             f"recording '{recording.name}': an observer of {bandwidth_hz:g} Hz settles in {settling_s:.2g} s, and the recording "
             f"has {when[-1] - when[0]:.2g} s"
         )
-    # Ratio of standard deviation to median absolute deviation of normal noise.
-    own = 1.4826 * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
+    own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
     predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
     # Errors of the time stamps are proportional to the momentum: they are largest at high speed.
     late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(observer.momentum)
