@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -101,6 +102,20 @@ def test_wrong_gains_are_refused(
     assert "--kp takes one number or 4, one for each joint, none negative" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("kp", "kv"), [("17.8", 0.5), ("100", 0.0), ("5", 0.0)])
+def test_a_kv_of_the_file_that_goes_with_another_kp_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kp: str, kv: float
+) -> None:
+    dataset(tmp_path / "so101", "v3.0")
+    (tmp_path / "arm.xml").write_text(ARM)
+    files = [str(tmp_path / name) for name in ("arm.xml", "so101")]
+    assert main(["init", *files, "--kp", kp, "-o", str(tmp_path / "arm.toml")]) == 0
+    told = "kv of the robot file goes with its kp, not with yours" in capsys.readouterr().out
+    assert told == (kv == 0.0)
+    law = didim.load_experiment(tmp_path / "arm.toml").controller.build(None)  # type: ignore[union-attr, arg-type]
+    np.testing.assert_array_equal(law.laws[:, :2], [[float(kp), kv]] * 2)
+
+
 def test_a_lerobot_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dataset(tmp_path / "so101", "v3.0")
     (tmp_path / "arm.xml").write_text(ARM)
@@ -159,6 +174,24 @@ def test_lists_in_cells_and_commands_in_a_file_of_their_own(
     np.testing.assert_allclose(recording.q_ref, r)
     np.testing.assert_allclose(recording.measured_positions(), q)
     assert recording.rate_hz == pytest.approx(50.0, rel=1e-3)
+    for number, name in enumerate(("shoulder_pan", "gripper")):  # the columns of a locked joint are left out
+        lock = ["--lock", f"{name}=0", "--force", "-o", str(tmp_path / "arm.toml")]
+        assert main(["init", *files, *lock]) == 0
+        assert (
+            f"positions_{number + 1}, torques_{number + 1}: of locked joints, left out"
+            in capsys.readouterr().out
+        )
+        (one,) = didim.load_experiment(tmp_path / "arm.toml").recordings
+        np.testing.assert_allclose(one.measured_positions(), q[:, [1 - number]])
+    pairs = []
+    for motion in ("slow", "fast"):  # files of several logs, a folder each, are pairs
+        (tmp_path / motion).mkdir()
+        pairs += [str(shutil.copy(path, tmp_path / motion)) for path in files[1:]]
+    assert main(["init", files[0], *pairs, "-o", str(tmp_path / "both.toml")]) == 0
+    both = didim.load_experiment(tmp_path / "both.toml").recordings
+    assert [one.name for one in both] == ["slow", "fast"]
+    for one in both:
+        np.testing.assert_allclose(one.measured_positions(), q)
     (tmp_path / "control.csv").write_text("\n".join([*rows[1][:-1], 'CONTROL,0.0,"[0.1]"']))
     assert main(["init", *files, "-o", str(tmp_path / "other.toml")]) == 2
     assert (

@@ -35,7 +35,7 @@ from .draft_files import assembled
 from .draft_filters import Filters, choose_filters, error_sentence, motor_ratio, sentence_of
 from .draft_friction import delay_lines, fitted_friction, friction_lines, friction_sentences, physical_lines
 from .draft_servos import payload_lines, servo_lines
-from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples
+from .draft_source import LogSource, choose_columns, log_names, open_log, whole_samples, without_locked
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
@@ -137,6 +137,7 @@ def initialise(  # many parameters: one per option of `didim init`
     beside, alone = path.parent, len(paths) == 1
     draft = Draft(notes=model.notes)
     sources = _opened(paths, beside, model, values_per_sample, topic, draft)
+    draft.read += without_locked(sources, robot, chain or {}, model)
     for kind, text in (columns or {}).items():
         choose_columns(sources, kind, text)
     tables, friction = _tables(model, sources, options, path, draft, say)

@@ -136,9 +136,11 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
         notes.append(f"{counted(len(group), 'file')} are signals of one recording: {files}")
         name = "_".join(name_without_signal(group[0].path.stem)) or group[0].path.stem
         logs.append((log, name, group[0].path))
+    if len({name for _, name, _ in logs}) < len({path.parent for _, _, path in logs}) == len(logs):
+        logs = [(log, path.resolve().parent.name, path) for log, _, path in logs]
     if len(groups) > 1:
         notes.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
-    return logs, notes
+    return logs, list(dict.fromkeys(notes))
 
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:
@@ -157,9 +159,17 @@ def _groups(sources: Sequence[LogSource], robot: Robot) -> list[list[LogSource]]
         by_name.setdefault(name_without_signal(source.path.stem), []).append(source)
     named = list(by_name.values())
     if not all(_complete(group, robot) and _disjoint(group, robot) for group in named):
-        if not (len(parts) == len(sources) and _disjoint(parts, robot)):
+        folders: dict[Path, list[LogSource]] = {}
+        for source in parts:
+            folders.setdefault(source.path.parent, []).append(source)
+        if len(parts) == len(sources) and _disjoint(parts, robot):
+            named = [parts]
+        elif len(folders) > 1 and all(
+            len(group) > 1 and _disjoint(group, robot) for group in folders.values()
+        ):
+            named = list(folders.values())
+        else:
             return alone
-        named = [parts]
     # In the order of the command line.
     of = {id(source): group for group in [*alone, *named] for source in group}
     return list({id(of[id(source)]): of[id(source)] for source in sources}.values())

@@ -9,6 +9,8 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
 from .._tools.toml import quoted
 from .._tools.words import counted, series
 from ..log.bam_file import Pendulum
@@ -112,6 +114,17 @@ def servo_lines(
         'kind = "pd"',
     ]
     of_logs = gain_lines(robot, logs, servo)
+    of_file = of_actuators(robot)
+    if of_logs is None and servo.get("kp") and not servo.get("kv") and {"kp", "kv"} <= of_file.keys():
+        # One file of an SO-101 has kp 998 and kv 2.7, where its servos have 17.8 and none.
+        kp = np.broadcast_to(servo["kp"], robot.n_dof).tolist()
+        kv = [of if k == at else 0.0 for k, at, of in zip(kp, of_file["kp"], of_file["kv"], strict=True)]
+        if kv != of_file["kv"]:
+            servo = {**servo, "kv": kv}
+            told.append(
+                "kv of the robot file goes with its kp, not with yours: it is 0, and Fv has the servos' damping too (--kv, if you "
+                "know it)"
+            )
     for key in ("kp", "kv"):
         values = ", ".join(f"{value:.9g}" for value in servo.get(key, ()))
         if key == "kp" and of_logs is not None:

@@ -6,9 +6,10 @@ Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .._tools.arrays import Array
 from .._tools.files import path_from
 from .._tools.inputs import first_lines
 from .._tools.toml import quoted
-from .._tools.words import did_you_mean, listing
+from .._tools.words import brief, did_you_mean, listing, series
 from ..errors import ExperimentError, RecordingError
 from ..log.array_file import ArrayFile, samples_in_columns
 from ..log.csv_file import CsvFile
@@ -25,6 +26,7 @@ from ..log.data_format import LONGEST_LINE, MOST_COLUMNS, DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
 from ..robot.robot import Robot
+from ..robot.robot_file import load_robot
 from .draft_columns import WORDS, Column, joints_by_name, read_column
 from .draft_layout import layout
 
@@ -329,6 +331,55 @@ def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
                 for joint in data.joints
             ]
     return LogSource(data, columns, keys, log, joints=() if names else data.joints, note=note)
+
+
+def without_locked(
+    sources: Sequence[LogSource], file: str, chain: Mapping[str, Any], robot: Robot
+) -> list[str]:
+    """Leave out the columns of locked joints where a signal has one column for each joint of the robot file, without names.
+
+    Parameters
+    ----------
+    sources : sequence of LogSource
+        All files of the command.
+    file : str
+        Name or path of the robot.
+    chain : mapping
+        Options of `load_robot`, with the joints that the user locks.
+    robot : Robot
+        The robot with these joints locked.
+
+    Returns
+    -------
+    list of str
+        Sentence on the columns, if there are any.
+    """
+    if not chain.get("lock"):
+        return []
+    joints = load_robot(file, **{**chain, "lock": None}).joint_names
+    free = [name in robot.joint_names for name in joints]
+    if [name for name, moves in zip(joints, free, strict=True) if moves] != list(robot.joint_names):
+        return []
+    left_out = []
+    for source in sources:
+        groups: dict[tuple[str, str | None, str], list[int]] = {}
+        for k, column in enumerate(source.columns):
+            if column.number is not None and column.what != "other" and not isinstance(source.data, RosBag):
+                groups.setdefault((column.what, column.variable, column.stem), []).append(k)
+        for places in groups.values():
+            ordered = sorted(places, key=lambda k: source.columns[k].number or 0)
+            first = source.columns[ordered[0]].number or 0
+            if [source.columns[k].number for k in ordered] != list(range(first, first + len(joints))):
+                continue
+            for k in (k for k, moves in zip(ordered, free, strict=True) if not moves):
+                left_out.append(str(source.columns[k].name))
+                source.columns[k] = replace(source.columns[k], what="other")
+    names = brief(series(dict.fromkeys(left_out)), 60)
+    return (
+        [f"{names}: of locked joints, left out; the others are in the order of the robot file"]
+        if left_out
+        else []
+    )
 
 
 def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
