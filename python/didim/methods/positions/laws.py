@@ -19,7 +19,7 @@ from ...result.iteration import Status
 from ...signal.noise import encoder_noise
 from .intervals import LASTING, errors_over_noise
 from .knowledge import unidentified
-from .problem import Problem
+from .problem import Problem, may_be_soft
 from .search import Search, begun, bounded_step, promised, search
 from .stops import STRONGEST, Stop, pushed_stretches
 
@@ -132,7 +132,27 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     if start is None or not start[2] < STUCK * now.cost:
         return now, shift
     options["reporter"].say("friction that sticks promises smaller errors; the search goes on with it")
-    rival = _searched_anew(start[0], {**options, "tolerance": ROUGH})  # `without_pushes` goes on with it
+    roughly = {**options, "tolerance": ROUGH}  # `without_pushes` goes on with it
+    rival = _searched_anew(start[0], roughly)
+    if (
+        rival.status.converged
+        and _unexplained(rival)
+        and not problem.soft
+        and may_be_soft(problem.experiment)
+    ):
+        # Rounding decides in which minimum a smooth sign ends, and near it are others of friction that sticks: MuJoCo's leads away.
+        other = now
+        try:
+            for law in (replace(problem, soft=True, sticks=False), replace(problem, sticks=True)):
+                other = _searched_anew(begun(law, other.theta, other), roughly)
+                if other.status is Status.STOPPED:
+                    break
+        except FitError:
+            other = rival
+        if other.problem.sticks and other.cost < rival.cost:
+            rival = other
+        elif other.status is Status.STOPPED:
+            rival = replace(rival, status=other.status)
     if not rival.cost < STUCK * now.cost:
         return now, shift
     return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
