@@ -110,7 +110,7 @@ def test_a_kv_of_the_file_that_goes_with_another_kp_is_left_out(
     (tmp_path / "arm.xml").write_text(ARM)
     files = [str(tmp_path / name) for name in ("arm.xml", "so101")]
     assert main(["init", *files, "--kp", kp, "-o", str(tmp_path / "arm.toml")]) == 0
-    told = "kv of the robot file goes with its kp, not with yours" in capsys.readouterr().out
+    told = "kv of the robot file goes with its kp; where yours differs kv is 0" in capsys.readouterr().out
     assert told == (kv == 0.0)
     law = didim.load_experiment(tmp_path / "arm.toml").controller.build(None)  # type: ignore[union-attr, arg-type]
     np.testing.assert_array_equal(law.laws[:, :2], [[float(kp), kv]] * 2)
@@ -197,6 +197,23 @@ def test_lists_in_cells_and_commands_in_a_file_of_their_own(
     assert (
         "control.csv: row 300 (line 301) has 3 columns where the first line has 4" in capsys.readouterr().err
     )
+
+
+def test_locks_that_a_robot_of_too_many_joints_needs(tmp_path: Path) -> None:
+    """The columns of its other joints are found by name; the file itself, whose joints are too many, is not asked for an order."""
+    body = '<link name="l{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{1}"/><child link="l{0}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>'
+    )
+    links = "".join((body + joint).format(k, k - 1) for k in range(1, 98))
+    (tmp_path / "long.urdf").write_text(f'<robot name="long"><link name="l0"/>{links}</robot>')
+    t = np.arange(600) / 100.0
+    table = np.column_stack([t, np.sin(3.0 * t), -9.0 * np.sin(3.0 * t)])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,q_j1,tau_j1", comments="")
+    locks = [part for k in range(2, 98) for part in ("--lock", f"j{k}=0")]
+    assert main(["init", str(tmp_path / "long.urdf"), str(tmp_path / "log.csv"), *locks]) == 0
+    assert didim.load_experiment(tmp_path / "log.toml").robot.n_dof == 1
 
 
 def test_goal_and_present_positions_of_bus_servos(tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ def servo_lines(
         if kv != of_file["kv"]:
             servo = {**servo, "kv": kv}
             told.append(
-                "kv of the robot file goes with its kp, not with yours: it is 0, and Fv has the servos' damping too (--kv, if you "
-                "know it)"
+                "kv of the robot file goes with its kp; where yours differs kv is 0, and Fv has the servo's damping too (--kv, if "
+                "you know it)"
             )
     for key in ("kp", "kv"):
         values = ", ".join(f"{value:.9g}" for value in servo.get(key, ()))

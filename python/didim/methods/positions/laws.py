@@ -123,7 +123,9 @@ def search_of_either_friction(now: Search, options: dict[str, Any]) -> tuple[Sea
 def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Search, Array]:
     """Search with friction that sticks, where errors and derivatives promise less than the other laws leave.
 
-    Joints of a smooth sign, and of MuJoCo's friction, creep at rest; those of geared servos stay where they are.
+    Joints of a smooth sign, and of MuJoCo's friction, creep at rest; those of geared servos stay where they are. Near a smooth sign
+    are minima of friction that sticks, and rounding decides in which a search ends: where errors remain, it is searched from
+    MuJoCo's friction too, and the lower cost is taken.
     """
     problem = now.problem
     if not now.status.converged or {*SOFT} & {*problem.experiment.unknown} or not _unexplained(now):
@@ -140,10 +142,9 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
         and not problem.soft
         and may_be_soft(problem.experiment)
     ):
-        # Rounding decides in which minimum a smooth sign ends, and near it are others of friction that sticks: MuJoCo's leads away.
         other = now
         try:
-            for law in (replace(problem, soft=True, sticks=False), replace(problem, sticks=True)):
+            for law in (replace(problem, soft=True, sticks=False), start[0].problem):
                 other = _searched_anew(begun(law, other.theta, other), roughly)
                 if other.status is Status.STOPPED:
                     break
