@@ -25,7 +25,7 @@ from didim.methods.positions import laws
 from didim.methods.positions.knowledge import held_at
 from didim.methods.positions.laws import searched
 from didim.methods.positions.problem import Problem
-from didim.methods.positions.replay import position_errors, replayed
+from didim.methods.positions.replay import other_gains, position_errors, replayed
 from didim.methods.positions.search import begun, search
 from didim.methods.positions.stops import Stop
 from didim.model.limbs import limbs_of
@@ -280,6 +280,10 @@ def test_two_legs_give_their_drives_back(tmp_path: Path, capsys: pytest.CaptureF
     ]
     assert printed[4].split() == ["2", "s", "ahead", *(f"{1e3 * value:.2f}" for value in ahead["2"])]
     assert str(Identification.load(tmp_path / "fit.json")) == text
+    other = (tmp_path / "log.toml").read_text().replace("kv = 0.5", "kv = 0.6")
+    (tmp_path / "other.toml").write_text(other)
+    assert main(["validate", str(tmp_path / "fit.json"), str(tmp_path / "other.toml")]) == 0
+    assert "simulated with kv of this experiment" in capsys.readouterr().out
 
 
 def test_predictions_begin_with_measured_states(tmp_path: Path) -> None:
@@ -322,6 +326,11 @@ def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
         assert found[name]["by"] == "log", name
         assert found[name]["value"] == pytest.approx(value, rel=0.02), name
     assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-4)
+    # An experiment that asks for none of these is simulated with the estimates too, not with the gains of its own file.
+    silent = replace(experiment, unknown={})
+    errors = np.array(position_errors(replayed(fit, silent))["log"])
+    np.testing.assert_allclose(errors, np.array(record(fit).errors["after"]), rtol=1e-6)
+    assert other_gains(fit, silent) == []
 
 
 @pytest.mark.slow
@@ -516,17 +525,18 @@ def test_a_search_stops_in_the_trial_of_an_acceleration(tmp_path: Path) -> None:
 
 
 def test_set_points_arrive_in_the_shortest_time() -> None:
-    """They take 2 sqrt(d / a) at the largest acceleration where goals move; one that rests is left by a jump."""
-    goals = np.repeat([0.0, 0.05, 0.3, -0.2], [1, 1, 50, 10])[:, None]
+    """They take 2 sqrt(d / a) at the largest acceleration; one that rests is left by a jump, 27 ms after its command."""
+    goals = np.repeat([0.0, 0.03, 0.04, 0.05, 0.3, -0.2, 0.0, -0.2], [1, 1, 1, 1, 50, 10, 2, 8])[:, None]
     held, none, step = Held(goals, 100.0), np.zeros(1), 1e-4
-    s = held.means(np.arange(6_101, dtype=np.float64) * step, none, none, np.array([40.0]))[:, 0]
-    assert s[:200] == pytest.approx(np.repeat([0.0, 0.05], 100))
+    s = held.means(np.arange(7_401, dtype=np.float64) * step, none, none, np.array([40.0]))[:, 0]
+    assert s[:370] == pytest.approx(0.0)
+    assert s[370:400] == pytest.approx(0.05)
     moves = round(2.0 * np.sqrt(0.25 / 40.0) / step)
-    assert s[200 + moves // 2] == pytest.approx(0.175, abs=1e-3)
-    accelerations = np.diff(s[200 : 200 + moves], 2) / step**2
+    assert s[400 + moves // 2] == pytest.approx(0.175, abs=1e-3)
+    accelerations = np.diff(s[400 : 400 + moves], 2) / step**2
     assert np.sort(np.abs(accelerations))[3:] == pytest.approx(40.0, rel=1e-3)
-    assert s[202 + moves : 5_200] == pytest.approx(0.3)
-    assert s[5_200:] == pytest.approx(-0.2)
+    assert s[402 + moves : 5_670] == pytest.approx(0.3)
+    assert s[5_670:] == pytest.approx(-0.2)  # also where a command is withdrawn before the jump
 
 
 def test_no_gravity_leaves_the_ratio(tmp_path: Path) -> None:

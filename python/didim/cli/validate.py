@@ -45,8 +45,9 @@ def add(commands: Commands) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from .._tools.saved import plain
+    from .._tools.words import series
     from ..experiment.experiment_file import load_experiment
-    from ..methods.positions.replay import error_lines, horizon_errors, position_errors, replayed
+    from ..methods.positions.replay import error_lines, horizon_errors, other_gains, position_errors, replayed
     from ..result.identification import Identification
     from ..result.positions.record import PositionRecord
     from ..studies.validation import validate
@@ -74,7 +75,12 @@ def run(options: argparse.Namespace) -> int:
             )
         errors, ahead = position_errors(replayed(fit, experiment)), horizon_errors(fit, experiment)
         saved.save_json(options.json, plain({"position_errors": errors, "horizon_errors": ahead}))
-        return saved.end("\n".join(error_lines(errors, ahead)))
+        lines = error_lines(errors, ahead)
+        if others := other_gains(fit, experiment):
+            lines.append(
+                f"simulated with {series(others)} of this experiment, which the result has otherwise"
+            )
+        return saved.end("\n".join(lines))
     validation = validate(fit, experiment)
     saved.save_json(options.json, validation.to_dict())
     saved.save_report(options.report, validation, experiment)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,14 @@ from ..._tools.arrays import Array, quotient
 from ..._tools.words import columned
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import ACCELERATION, SOFT
+from ...experiment.unknown import DRIVE, Unknown
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ...result.positions.table import milli
 from ...signal.noise import white_noise
 from ..builder import digests
+from .columns import file_values
 from .intervals import LASTING, LEAST_NOISE
-from .laws import with_acceleration, with_softness
 from .problem import Problem
 from .stops import Stop
 
@@ -126,6 +126,23 @@ def pushed_of(fit: Identification, experiment: Experiment) -> list[Stop]:
     return [Stop(joint, number, begin, end, None, True) for joint, number, begin, end in record.pushed]
 
 
+def other_gains(fit: Identification, experiment: Experiment) -> list[str]:
+    """Return "kp", "kv" and "saturation" if an experiment has others than a result that did not estimate them.
+
+    The experiment's are simulated: gains may differ from log to log, and a file without them may have been forgotten.
+    """
+    record = PositionRecord.of(fit.settings)
+    if record is None:
+        return []
+    values = file_values(experiment).drive
+    return [
+        kind
+        for kind in ("kp", "kv", "saturation")
+        if kind not in {row["kind"] for row in record.rows}
+        and not np.allclose(values[kind], [np.inf if one is None else one for one in record.drive[kind]])
+    ]
+
+
 def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     """Return the rollouts of an experiment, simulated with an estimate.
 
@@ -155,15 +172,27 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
 
 
 def _problem(fit: Identification, experiment: Experiment) -> tuple[Problem, Array]:
-    """Return the problem of an experiment with the laws of a result, and its estimate."""
+    """Return the problem of an experiment with the laws and the unknowns of a result, and its estimate.
+
+    Unknowns of drives that the experiment does not ask for would else have the values of its file.
+    """
     record = PositionRecord.of(fit.settings)
     soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
     pushed = pushed_of(fit, experiment)
     values = dict(zip(fit.names, fit.beta, strict=True))
-    if SOFT[1] in values:
-        experiment = with_softness(experiment)
-    if ACCELERATION in values and not {ACCELERATION, "lag_s"} & {*experiment.unknown}:
-        experiment = with_acceleration(experiment)
+    own = {
+        row["kind"]: Unknown(
+            start=row["value"],
+            shared="robot"
+            if row["name"] == row["kind"]
+            else "joint"
+            if row["name"] == f"{row['kind']}{row['joints'][0]}"
+            else "limb",
+        )
+        for row in (record.rows if record is not None else ())
+        if row["kind"] in DRIVE and row["recording"] is None
+    }
+    experiment = replace(experiment, unknown={**experiment.unknown, **own})
     problem = Problem(experiment, soft=soft, sticks=sticks, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
