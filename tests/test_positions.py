@@ -25,7 +25,7 @@ from didim.methods.positions import laws
 from didim.methods.positions.knowledge import held_at
 from didim.methods.positions.laws import searched
 from didim.methods.positions.problem import Problem
-from didim.methods.positions.replay import other_gains, position_errors, replayed
+from didim.methods.positions.replay import _problem, other_gains, position_errors, replayed
 from didim.methods.positions.search import begun, search
 from didim.methods.positions.stops import Stop
 from didim.model.limbs import limbs_of
@@ -331,6 +331,10 @@ def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
     errors = np.array(position_errors(replayed(fit, silent))["log"])
     np.testing.assert_allclose(errors, np.array(record(fit).errors["after"]), rtol=1e-6)
     assert other_gains(fit, silent) == []
+    # What holds a joint is found with the gains that the search began with, not with those of the last joint.
+    for own in (experiment, silent):
+        began = Problem(own).values.drive["kp"]
+        np.testing.assert_array_equal(_problem(fit, own)[0].values.drive["kp"], began)
 
 
 @pytest.mark.slow

@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
         lines = error_lines(errors, ahead)
         if others := other_gains(fit, experiment):
             lines.append(
-                f"simulated with {series(others)} of this experiment, which the result has otherwise"
+                f"simulated with {series(others)} of this experiment; the result was fitted with others"
             )
         return saved.end("\n".join(lines))
     validation = validate(fit, experiment)

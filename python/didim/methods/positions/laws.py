@@ -13,7 +13,6 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...experiment.experiment import Experiment
 from ...experiment.unknown import ACCELERATION, RANGES, SOFT, Shared, Unknown
 from ...result.iteration import Status
 from ...signal.noise import encoder_noise
@@ -159,13 +158,6 @@ def _sticking(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Searc
     return rival, np.where(rival.free & now.free, rival.theta - now.theta, 0.0)
 
 
-def with_acceleration(experiment: Experiment) -> Experiment:
-    """Return an experiment whose set-points have an unknown largest acceleration."""
-    low, high = RANGES[ACCELERATION]
-    own = {ACCELERATION: Unknown(start=ACCELERATIONS[2], low=low, high=high, shared="robot")}
-    return replace(experiment, unknown={**experiment.unknown, **own})
-
-
 def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
     """Search with a largest acceleration of the set-points, where errors and derivatives promise much smaller errors with it.
 
@@ -177,7 +169,9 @@ def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
     turning = all(kind == "revolute" for kind in problem.robot.joint_kinds)
     if asked or not turning or not now.status.converged or not _unexplained(now):
         return now
-    rival = replace(problem, experiment=with_acceleration(experiment))
+    low, high = RANGES[ACCELERATION]
+    own = {ACCELERATION: Unknown(start=ACCELERATIONS[2], low=low, high=high, shared="robot")}
+    rival = replace(problem, experiment=replace(experiment, unknown={**experiment.unknown, **own}))
     tried = [_promised(rival, now, {ACCELERATION: value}) for value in ACCELERATIONS]
     best = min((found for found in tried if found is not None), key=lambda found: found[2], default=None)
     if best is None or not best[2] < PROMISED * now.cost:
@@ -196,16 +190,6 @@ def of_planned_set_points(now: Search, options: dict[str, Any]) -> Search:
     return replace(now, status=found.status) if found.status is Status.STOPPED else now
 
 
-def with_softness(experiment: Experiment) -> Experiment:
-    """Return an experiment whose softness of friction is unknown."""
-    own = {
-        kind: Unknown(low=RANGES[kind][0], high=RANGES[kind][1], shared=shared)
-        for kind, shared in zip(SOFT, SHARED, strict=True)
-    }
-    own = {kind: unknown for kind, unknown in own.items() if kind not in experiment.unknown}
-    return replace(experiment, unknown={**experiment.unknown, **own})
-
-
 def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> tuple[Search, Array]:
     """Search with the softness of friction unknown, where errors exceed the noise and another one promises much smaller ones.
 
@@ -215,7 +199,14 @@ def _of_another_softness(now: Search, shift: Array, options: dict[str, Any]) -> 
     if not now.status.converged or not _unexplained(now):
         return now, shift
     problem = now.problem
-    unknown = replace(problem, soft=True, sticks=False, experiment=with_softness(problem.experiment))
+    experiment = problem.experiment
+    own = {
+        kind: Unknown(low=RANGES[kind][0], high=RANGES[kind][1], shared=shared)
+        for kind, shared in zip(SOFT, SHARED, strict=True)
+        if kind not in experiment.unknown
+    }
+    experiment = replace(experiment, unknown={**experiment.unknown, **own})
+    unknown = replace(problem, soft=True, sticks=False, experiment=experiment)
     promise = _promised(unknown, now, {} if problem.soft else HARD)
     if promise is None:
         return now, shift

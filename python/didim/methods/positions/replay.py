@@ -12,7 +12,7 @@ from ..._tools.arrays import Array, quotient
 from ..._tools.words import columned
 from ...errors import FitError
 from ...experiment.experiment import Experiment
-from ...experiment.unknown import DRIVE, Unknown
+from ...experiment.unknown import DRIVE, Shared, Unknown
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
 from ...result.positions.table import milli
@@ -127,9 +127,9 @@ def pushed_of(fit: Identification, experiment: Experiment) -> list[Stop]:
 
 
 def other_gains(fit: Identification, experiment: Experiment) -> list[str]:
-    """Return "kp", "kv" and "saturation" if an experiment has others than a result that did not estimate them.
+    """Return which of "kp", "kv" and "saturation" an experiment has otherwise than a result that did not estimate them.
 
-    The experiment's are simulated: gains may differ from log to log, and a file without them may have been forgotten.
+    Those of the experiment are simulated, for gains may differ from log to log. Tested in ``tests/test_positions.py``.
     """
     record = PositionRecord.of(fit.settings)
     if record is None:
@@ -180,19 +180,18 @@ def _problem(fit: Identification, experiment: Experiment) -> tuple[Problem, Arra
     soft, sticks = (record.soft, record.sticks) if record is not None else (False, False)
     pushed = pushed_of(fit, experiment)
     values = dict(zip(fit.names, fit.beta, strict=True))
-    own = {
-        row["kind"]: Unknown(
-            start=row["value"],
-            shared="robot"
-            if row["name"] == row["kind"]
-            else "joint"
-            if row["name"] == f"{row['kind']}{row['joints'][0]}"
-            else "limb",
-        )
-        for row in (record.rows if record is not None else ())
-        if row["kind"] in DRIVE and row["recording"] is None
-    }
-    experiment = replace(experiment, unknown={**experiment.unknown, **own})
+    unknown, drive = dict(experiment.unknown), file_values(experiment).drive
+    for row in record.rows if record is not None else ():
+        kind = row["kind"]
+        if kind not in DRIVE or row["recording"] is not None:
+            continue
+        shared: Shared = "robot" if row["name"] == kind else "limb"
+        if row["name"] == f"{kind}{row['joints'][0]}":
+            shared = "joint"
+        # Stretches in which something holds a joint are those of starts, as in the fit.
+        start = None if np.isfinite(drive.get(kind, np.inf)).all() else row["before"]
+        unknown[kind] = replace(unknown.get(kind, Unknown(start=start)), shared=shared)
+    experiment = replace(experiment, unknown=unknown)
     problem = Problem(experiment, soft=soft, sticks=sticks, pushed=pushed)
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:
