@@ -159,8 +159,8 @@ def test_wrong_files_say_what_is_wrong(tmp_path: Path, change: tuple[str, str], 
 def test_a_robot_without_joints_is_told(tmp_path: Path) -> None:
     with pytest.raises(didim.errors.RobotError, match="at least one"):
         load(tmp_path, "schema = 1\n")
-    with pytest.raises(didim.errors.RobotError, match="at most 96 joints, got 97"):
-        load(tmp_path, "schema = 1\n" + '[[joint]]\nkind = "revolute"\n' * 97)
+    with pytest.raises(didim.errors.RobotError, match="at most 128 joints, got 129"):
+        load(tmp_path, "schema = 1\n" + '[[joint]]\nkind = "revolute"\n' * 129)
 
 
 def test_unknown_names_are_told() -> None:

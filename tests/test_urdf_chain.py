@@ -182,7 +182,7 @@ def test_the_base_may_be_turned() -> None:
         (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
-        (tree(*arm("base", "l", 97)), {}, "at most 96 joints, not 97 (to_l1, to_l2,"),
+        (tree(*arm("base", "l", 129)), {}, "at most 128 joints, not 129 (to_l1, to_l2,"),
         (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
         (tree(("a", "b", "floating")), {}, "base and tip; joints of this type are held: to_b (floating)"),
     ],
@@ -225,22 +225,22 @@ def test_joints_that_follow_others_do_so_in_a_tree() -> None:
 def test_a_leader_and_its_followers_move_or_are_locked_together() -> None:
     """Also in the largest robots: those with more joints are refused, and none is dropped."""
     mimic = ("</joint>", '<mimic joint="to_left_1" multiplier="0.5" offset="0.1"/></joint>')
-    hands = [*arm("base", "left_", 60), *arm("base", "right_", 36)]
+    hands = [*arm("base", "left_", 80), *arm("base", "right_", 48)]
     text = tree(*hands)
     head, *followers = text.rsplit('<joint name="to_right_', 20)
     text = '<joint name="to_right_'.join([head, *(part.replace(*mimic) for part in followers)])
     chain = chain_of(text)
-    assert len(chain.joints) == 96
+    assert len(chain.joints) == 128
     assert len(chain.mimics) == 20
     assert not chain.locked
     locked = chain_of(text, lock={"to_left_1": 0.4})
-    assert len(locked.joints) == 75
+    assert len(locked.joints) == 107
     assert not locked.mimics
     assert dict(locked.locked) == {"to_left_1": 0.4} | {
         name: pytest.approx(0.3, abs=1e-15) for name in chain.mimics
     }
-    with pytest.raises(RobotError, match="at most 96 joints, not 97"):
-        chain_of(tree(*hands, ("right_36", "finger", "revolute")))
+    with pytest.raises(RobotError, match="at most 128 joints, not 129"):
+        chain_of(tree(*hands, ("right_48", "finger", "revolute")))
 
 
 def test_a_long_row_of_fixed_links_is_read() -> None:

@@ -21,8 +21,6 @@ from ..errors import CoreErrorsAs, ReferenceError
 
 KNOTS_PER_PERIOD = 100
 """Polynomial pieces per period of the highest harmonic of a Fourier series: the error is rounding."""
-JOINTS_TOGETHER = 4
-"""Number of joints whose coefficients the core stores together: a single joint takes as much memory."""
 MOST_STORED = 10_000_000
 """Upper bound of the pieces of all stored joints: with 48 bytes each, half a gigabyte."""
 
@@ -177,8 +175,8 @@ class Reference(Brief):
         if not (period_s > 0.0 and duration > 0.0 and np.isfinite(period_s) and np.isfinite(duration)):
             raise ReferenceError(f"period and duration must be positive, got {period_s} and {duration} s")
         knots = KNOTS_PER_PERIOD * len(s) * (duration / period_s)
-        stored = JOINTS_TOGETHER * -(-s.shape[1] // JOINTS_TOGETHER)
-        if knots * stored > MOST_STORED or knots * len(s) > 100_000_000:
+        # The core stores the coefficients of four joints together.
+        if knots * (s.shape[1] + 3) > MOST_STORED or knots * len(s) > 100_000_000:
             raise ReferenceError(f"{duration:g} s with {len(s)} harmonics in {period_s:g} s is too long")
         count = max(2, round(knots))
         mean = real_array("offset", offset, ReferenceError)

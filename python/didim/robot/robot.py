@@ -30,7 +30,7 @@ from .rigid_body import inverse
 from .standard_dh import StandardTable, in_other_frames
 from .transmission import Actuator, Follower
 
-MOST_JOINTS = 96
+MOST_JOINTS = 128
 """Largest number of joints, as in the core."""
 
 

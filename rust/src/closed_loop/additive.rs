@@ -42,6 +42,10 @@ const EXPLICIT: [[f64; 3]; 4] = [
 ];
 /// Stage times, as shares of the step.
 const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.0];
+/// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it.
+const STEEP: f64 = 10.0;
+/// Velocity in smoothing velocities up to which friction holds a joint.
+const RESTS: f64 = 4.0;
 /// Newton step, as a share of the smoothing velocity, that is the last: the error after it is its square.
 const SMALL: f64 = 1e-4;
 /// Residual of the accelerations, as a share of the smoothing velocities, below which a stage has converged.
@@ -119,6 +123,7 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
         }
         (self.speed[stage], self.whole[stage], self.growth[stage]) = (here.dq, direct.ddq, *dz);
         if stage == 3 {
+            let held = self.held(n, h * DIAGONAL, &here.dq);
             let weights = IMPLICIT[3].map(|weight| Lanes::splat(h * weight));
             let Self { start, speed, whole, growth, .. } = self;
             for_joints!(j in n => {
@@ -128,6 +133,7 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
                     here.dq[j] = weight.mul_add(whole[l][j], here.dq[j]);
                     here.z[j] = weight.mul_add(growth[l][j], here.z[j]);
                 }
+                here.dq[j] = speed[3][j].or_where_not_above(here.dq[j], held[j]);
             });
             return;
         }
@@ -155,6 +161,26 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
 }
 
 impl<V: Set, S: Arm> Additive<'_, V, S> {
+    /// Above zero at joints that friction holds at the end of a step, whose velocities there are `dq`.
+    ///
+    /// The last stage has the velocity with which friction balances the other torques. That by the weights differs from it by what is turned
+    /// around in the next step if friction is steep, and under a load a joint at rest would creep.
+    #[inline(always)]
+    fn held(&mut self, n: usize, w: f64, dq: &PerJoint<V>) -> PerJoint<V> {
+        let Self { inertia, matrix, friction, .. } = self;
+        let still = [Lanes::zero(); MAX_DOF];
+        let (mut spare, mut held) = (still, still);
+        for_joints!(j in n => for_joints!(k in n => if k <= j {
+            matrix[j][k] = Lanes::zero();
+        }));
+        friction.add(n, w, &still, &mut spare, matrix);
+        for_joints!(j in n => {
+            let steep = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), matrix[j][j]);
+            held[j] = steep.min(Lanes::splat(RESTS) - dq[j].scale(friction.steepness[j]).abs());
+        });
+        held
+    }
+
     /// Velocities `dq` with `M (dq - dq*) + w F(dq) = 0`, from `dq*` and a guess. A lane that has found them waits for the others.
     #[inline(always)]
     fn slowed(&mut self, n: usize, w: f64, without: &PerJoint<V>, guess: PerJoint<V>) -> PerJoint<V> {

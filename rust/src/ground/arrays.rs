@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 /// Largest number of joints; per-sample state is in arrays of this size.
-pub const MAX_DOF: usize = 96;
+pub const MAX_DOF: usize = 128;
 
 /// Arrays that do not fit a robot.
 #[derive(Debug, Clone, PartialEq, Error)]

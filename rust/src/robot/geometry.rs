@@ -138,6 +138,7 @@ pub struct Geometry<S = Any> {
 
 impl Default for Geometry {
     /// That of no joint at all.
+    #[expect(clippy::large_stack_arrays, reason = "17 kB, once a robot")]
     fn default() -> Self {
         Self { n: 0, chain: true, steps: [Numbers::STILL; MAX_DOF], gravity: [0.0; 3], shape: PhantomData }
     }

@@ -118,8 +118,8 @@ fn wrong_lengths_and_counts_are_named() {
         let zeros = vec![0.0; count];
         message(Reference::from_knots(n, times, &zeros, &zeros, &zeros))
     };
-    assert_eq!(knots(0, vec![0.0, 1.0], 0), "a reference has 1 to 96 joints, got 0");
-    assert_eq!(knots(97, vec![0.0, 1.0], 194), "a reference has 1 to 96 joints, got 97");
+    assert_eq!(knots(0, vec![0.0, 1.0], 0), "a reference has 1 to 128 joints, got 0");
+    assert_eq!(knots(129, vec![0.0, 1.0], 258), "a reference has 1 to 128 joints, got 129");
     assert_eq!(knots(1, vec![0.0], 1), "a reference needs at least two different points, got 1");
     assert_eq!(knots(2, vec![0.0, 1.0], 3), "position of the reference needs 4 numbers, got 3");
     assert!(knots(1, vec![0.0, f64::NAN], 2).ends_with("knot 2 does not come after the one before"));

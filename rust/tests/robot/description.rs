@@ -12,7 +12,7 @@ fn message(joints: Vec<Joint>, transmission: &[Vec<f64>], friction: Friction) ->
 
 #[test]
 fn wrong_descriptions_say_what_is_wrong() {
-    assert!(message(vec![], &[], Friction::sign(0)).contains("1 to 96 joints, got 0"));
+    assert!(message(vec![], &[], Friction::sign(0)).contains("1 to 128 joints, got 0"));
     let singular = [vec![1.0, 1.0], vec![1.0, 1.0]];
     assert!(message(vec![joint(); 2], &singular, Friction::sign(2)).contains("singular"));
     let swapped = [vec![0.0, 1.0], vec![1.0, 0.0]];

@@ -168,7 +168,14 @@ def _result(now: Search, spread: Intervals, before: Array, exactness: list[Findi
         error_std=norm / math.sqrt(max(1, now.rows - len(use))),
         condition_number=condition,
         n_rows=now.rows,
-        uncertainty=_uncertainty(spread, after),
+        uncertainty=Uncertainty(
+            kind="jackknife",
+            degrees_of_freedom=float(spread.blocks - 1),
+            std_white=spread.white,
+            joint_std=np.nan_to_num(after),
+        )
+        if spread.blocks and np.nan_to_num(spread.std).any()
+        else None,
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
         remarks=(*weak, *siblings),
@@ -212,17 +219,6 @@ def _record(now: Search, spread: Intervals, before: Array, after: Array) -> dict
         "blocks": spread.blocks,
         "kind": spread.kind,
     }
-
-
-def _uncertainty(spread: Intervals, after: Array) -> Uncertainty | None:
-    if not spread.blocks or not np.nan_to_num(spread.std).any():
-        return None
-    return Uncertainty(
-        kind="jackknife",
-        degrees_of_freedom=float(spread.blocks - 1),
-        std_white=spread.white,
-        joint_std=np.nan_to_num(after),
-    )
 
 
 def _limbs(problem: Problem) -> list[dict[str, Any]]:

@@ -382,10 +382,17 @@ class Problem:
         self, theta: Array, rollouts: Sequence[Rollout] | None = None, lead_s: float = 0.0
     ) -> list[Array]:
         """Return weighted errors of each rollout, those of the fit by default, (n_rows,); NaN throughout after an early end."""
-        return [
-            rollout.compared(self.positions(rollout, theta[None], lead_s)[0][0])
+        return self.errors_of(theta[None], rollouts, lead_s)[0]
+
+    def errors_of(
+        self, thetas: Array, rollouts: Sequence[Rollout] | None = None, lead_s: float = 0.0
+    ) -> list[list[Array]]:
+        """Return the errors of several candidates, (n_candidates, n_columns), which are lanes of one batch."""
+        batches = [
+            [rollout.compared(q) for q in self.positions(rollout, thetas, lead_s)[0]]
             for rollout in (self.rollouts if rollouts is None else rollouts)
         ]
+        return [list(errors) for errors in zip(*batches, strict=True)] or [[] for _ in thetas]
 
     def derivatives(self, theta: Array, first: int = 0) -> tuple[list[Array], list[Array]]:
         """Return errors and their derivatives of each rollout of the fit, by differences in lanes.

@@ -23,6 +23,10 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-4, 1e-9
 """Damping of the first step, and its lower bound, as shares of the squared lengths of the columns."""
 RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
+DAMPINGS = 10.0 ** np.arange(-6.0, 2.0)
+"""Dampings of the steps that are tried at once between kinks: two lanes of four."""
+LESSONS = 4
+"""Number of batches in a row that bring too little, from which derivatives are corrected, before the search between kinks ends."""
 MOST_RAISES = 10
 """Number of damping increases in a row after which the search ends."""
 SLOPE = 1e-9
@@ -107,7 +111,10 @@ class Search:
             self.cost = _cost(self, errors, self.theta)
 
     def learn(self, step: Array, errors: Sequence[Array], squares: Array) -> None:
-        """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns."""
+        """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns.
+
+        It may be one that is not taken: the slope along it is better known then.
+        """
         blocks = []
         for rollout, e, before, j in zip(
             self.problem.rollouts, errors, self.errors, self.blocks, strict=True
@@ -183,7 +190,9 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
     `exact` simulates the derivatives at each point, and ends by those of the last one; otherwise the errors after a step correct
     them, and they are simulated anew where a step brings less than half of what they promise.
     """
-    problem, rows = now.problem, now.rows
+    if now.problem.sticks:
+        return _search_between_kinks(now, most, tolerance, reporter, exact)
+    problem = now.problem
     low, high = problem.bounds
     damping, done, raised = FIRST_DAMPING, len(now.history), 0
     while len(now.history) < done + most:
@@ -207,12 +216,9 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
             else:
                 now.renew()
             continue
-        size, fall = 0.0, now.cost - cost
-        ends = not accepted or last or fall < tolerance * now.cost
+        fall = now.cost - cost
+        ends, before = not accepted or last or fall < tolerance * now.cost, now.theta
         if accepted:
-            size = float(np.max(np.abs(trial - now.theta) * np.sqrt(np.diag(a)))) / math.sqrt(
-                max(now.cost, 1e-300)
-            )
             if not (exact or ends):
                 now.learn(trial - now.theta, tried, np.diag(a))
             now.theta, now.errors, now.cost, raised = trial, tried, cost, 0
@@ -221,21 +227,7 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
                 now.blocks, now.fresh = derivatives, True
             elif not last and (exact or not (ends or 2.0 * fall > promise)):
                 now.renew()
-        rms = math.sqrt(now.cost / rows)
-        now.history.append(
-            Iteration(
-                iteration=len(now.history) + 1,
-                relative_error=math.sqrt(now.cost / now.initial) if now.initial > 0.0 else 0.0,
-                step=size,
-                more={"rms": rms, "damping": damping, "simulations": float(problem.n_simulations)},
-            )
-        )
-        reporter.say(
-            f"iteration {len(now.history)}: rms {1e3 * rms:.4f} mrad, damping {damping:.0g}, "
-            f"{problem.n_simulations} simulations of a limb"
-        )
-        if reporter.progress(now.history[-1]):
-            now.status = Status.STOPPED
+        if _stopped(now, before, a, damping, reporter):
             return now
         if ends:
             now.status = (
@@ -243,6 +235,75 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
             )
             return now
     return now
+
+
+def _search_between_kinks(
+    now: Search, most: int, tolerance: float, reporter: Reporter, exact: bool
+) -> Search:
+    """Search where the errors have kinks, until the best of steps of many lengths brings less than `tolerance`.
+
+    Where a joint sticks changes with each parameter, so that a step may be refused and a shorter one bring little, and the cost
+    still have far to fall. Steps of all dampings are lanes of one batch, and the best is taken; where it brings little, the longest
+    of them corrects the derivatives, and others are tried.
+    """
+    problem, done, lessons = now.problem, len(now.history), 0
+    simulated = now.blocks if now.fresh else None
+    while len(now.history) < done + most:
+        a, b = now.normal()
+        steps = np.array([bounded_step(now, a, b, damping) for damping in DAMPINGS])
+        trials = np.clip(now.theta + steps, *problem.bounds)
+        tried = problem.errors_of(trials)
+        costs = np.array([_cost(now, *pair) for pair in zip(tried, trials, strict=True)])
+        best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
+        fall, before = now.cost - costs[best], now.theta
+        taken, ran = fall > tolerance * now.cost, np.isfinite(costs)
+        if not taken and simulated is None:
+            now.renew()
+            simulated = now.blocks
+            continue
+        if not taken and lessons < LESSONS and ran.any():
+            longest = int(np.argmax(ran))
+            now.learn(trials[longest] - now.theta, tried[longest], np.diag(a))
+            lessons += 1
+            continue
+        if taken:
+            learns = not exact and 2.0 * fall > -promised(a, b, steps[best])
+            if learns:
+                now.learn(trials[best] - now.theta, tried[best], np.diag(a))
+            now.theta, now.errors, now.cost = trials[best], tried[best], float(costs[best])
+            if not learns:
+                now.renew()
+            simulated, lessons = None if learns else now.blocks, 0
+        elif simulated is not None:
+            now.blocks, now.fresh = simulated, True
+        if _stopped(now, before, a, float(DAMPINGS[best]), reporter):
+            return now
+        if not taken:
+            now.status = Status.CONVERGED if ran.any() else Status.NO_STEP
+            return now
+    return now
+
+
+def _stopped(now: Search, before: Array, a: Array, damping: float, reporter: Reporter) -> bool:
+    """Note a step from a point `before` with a normal matrix there; return whether the search was asked to stop."""
+    step = np.abs(now.theta - before) * np.sqrt(np.diag(a))
+    rms = math.sqrt(now.cost / now.rows)
+    now.history.append(
+        Iteration(
+            iteration=len(now.history) + 1,
+            relative_error=math.sqrt(now.cost / now.initial) if now.initial > 0.0 else 0.0,
+            step=float(np.max(step)) / math.sqrt(max(now.cost, 1e-300)),
+            more={"rms": rms, "damping": damping, "simulations": float(now.problem.n_simulations)},
+        )
+    )
+    reporter.say(
+        f"iteration {len(now.history)}: rms {1e3 * rms:.4f} mrad, damping {damping:.0g}, "
+        f"{now.problem.n_simulations} simulations of a limb"
+    )
+    if reporter.progress(now.history[-1]):
+        now.status = Status.STOPPED
+        return True
+    return False
 
 
 def _prior(now: Search, theta: Array, scale: float) -> tuple[Array, Array]:
