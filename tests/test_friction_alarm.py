@@ -237,11 +237,11 @@ def test_the_alarm_is_saved_with_the_result(tmp_path: Path) -> None:
 
 
 def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
-    """The shift is that of a fit with the rival of an arctangent."""
+    """The shift is that of fits without a doubtful term, and with the rival of an arctangent."""
     arm = robot()
     terms = [
         FrictionTerm(law="atan", joint=0, velocity=0.2, rival=0.3),
-        FrictionTerm(law="load", joint=1),
+        FrictionTerm(law="load", joint=1, doubtful=True),
     ]
     law = atan(0.1, 0.2)  # small: refits with other laws weigh the joints nearly alike
     log = logged(arm, lambda *motion: np.asarray(law(*motion) * [1.0, 0.0]), 501)
@@ -249,12 +249,18 @@ def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
     fit = didim.identify(log, didim.IDIMLS())
     shift = alarm(fit).shift
     assert not alarm(fit).raised
+
+    def without(*others: FrictionTerm) -> dict[str, float]:
+        other = didim.identify(replace(log, robot=arm.with_terms(others)), didim.IDIMLS())
+        return dict(zip(other.names, other.beta, strict=True))
+
+    plain = replace(terms[0], rival=0.0)
     rival = FrictionTerm(law="stribeck", joint=0, velocity=0.3)
-    refit = didim.identify(replace(log, robot=arm.with_terms([rival, terms[1]])), didim.IDIMLS())
-    other = dict(zip(refit.names, refit.beta, strict=True))
+    fits = [without(plain), without(rival, terms[1])]
     for name, value, moved, white in zip(fit.names, fit.beta, shift, fit.std_white, strict=True):
-        expected = abs(other[name] - value) if name in other else 0.0
-        # The refit weighs joints by its own residuals.
+        first, second = (one[name] - value if name in one else 0.0 for one in fits)
+        expected = np.hypot(first, second)
+        # The refits weigh joints by their own residuals.
         assert moved == pytest.approx(expected, rel=0.01, abs=0.05 * white), name
     assert fit.uncertainty is not None
     np.testing.assert_allclose(fit.std, bounded(fit.uncertainty.noise, shift), rtol=1e-10)

@@ -110,6 +110,9 @@ class FrictionTerm:
         The velocity is the estimate from a log: its uncertainty counts in the standard deviations of the parameters.
     refused : bool
         The log does not identify the velocity: the law keeps the one that it had, or is the square root in place of ``atan``.
+    doubtful : bool
+        The gain of the term on the log that it was chosen on is not clear, or it is not chosen without a part of this log: the
+        standard deviations include how far the parameters move without it.
     rival : float
         Velocity of the other of ``atan`` and ``stribeck`` where both fit the log, zero elsewhere: the standard deviations include
         how far the parameters move with it.
@@ -136,6 +139,7 @@ class FrictionTerm:
     estimated: bool = False
     fitted: bool = False
     refused: bool = False
+    doubtful: bool = False
     rival: float = 0.0
     name: str = ""
     first: float = 0.0

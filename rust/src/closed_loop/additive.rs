@@ -43,9 +43,9 @@ const EXPLICIT: [[f64; 3]; 4] = [
 /// Stage times, as shares of the step.
 const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.0];
 /// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it.
-const STEEP: f64 = 10.0;
-/// Velocity in smoothing velocities up to which friction holds a joint.
-const RESTS: f64 = 4.0;
+const STEEP: f64 = 40.0;
+/// Slope of friction as a share of that at rest down to which a joint rests: up to four smoothing velocities.
+const RESTS: f64 = 1.3e-3;
 /// Newton step, as a share of the smoothing velocity, that is the last: the error after it is its square.
 const SMALL: f64 = 1e-4;
 /// Residual of the accelerations, as a share of the smoothing velocities, below which a stage has converged.
@@ -169,14 +169,17 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
     fn held(&mut self, n: usize, w: f64, dq: &PerJoint<V>) -> PerJoint<V> {
         let Self { inertia, matrix, friction, .. } = self;
         let still = [Lanes::zero(); MAX_DOF];
-        let (mut spare, mut held) = (still, still);
-        for_joints!(j in n => for_joints!(k in n => if k <= j {
-            matrix[j][k] = Lanes::zero();
-        }));
-        friction.add(n, w, &still, &mut spare, matrix);
+        let (mut spare, mut held, mut steep) = (still, still, still);
+        for speeds in [&still, dq] {
+            for_joints!(j in n => for_joints!(k in n => if k <= j {
+                matrix[j][k] = Lanes::zero();
+            }));
+            friction.add(n, w, speeds, &mut spare, matrix);
+            for_joints!(j in n => (steep[j], held[j]) = (held[j], matrix[j][j]));
+        }
         for_joints!(j in n => {
-            let steep = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), matrix[j][j]);
-            held[j] = steep.min(Lanes::splat(RESTS) - dq[j].scale(friction.steepness[j]).abs());
+            let rests = steep[j].neg_mul_add(Lanes::splat(RESTS), held[j]);
+            held[j] = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), steep[j]).min(rests);
         });
         held
     }

@@ -218,7 +218,10 @@ def with_slopes(
     return replace(
         system,
         slopes={term.parameter: column(term, _slope) for term in terms if term.fitted},
-        alternatives=tuple((name, column(other, _law)) for name, other in rivals),
+        alternatives=(
+            *((term.parameter, np.zeros(system.y.size)) for term in terms if term.doubtful),
+            *((name, column(other, _law)) for name, other in rivals),
+        ),
     )
 
 
