@@ -42,7 +42,8 @@ const EXPLICIT: [[f64; 3]; 4] = [
 ];
 /// Stage times, as shares of the step.
 const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.0];
-/// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it.
+/// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it. With 10 the reversals of the TX40
+/// with a smoothing of 1e-3 rad/s are met worse, by steps of 0.25 ms; joints of an SO-101 that stick have 90 to 300, by 1 ms.
 const STEEP: f64 = 40.0;
 /// Slope of friction as a share of that at rest down to which a joint rests: up to four smoothing velocities.
 const RESTS: f64 = 1.3e-3;
