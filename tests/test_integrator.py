@@ -106,12 +106,16 @@ def test_friction_asks_consistent_didim_for_no_step() -> None:
     assert set(none) == {coarse}
 
 
-@pytest.mark.parametrize("load", [0.5, 0.8, 0.95])
-def test_a_joint_that_friction_holds_does_not_creep(load: float) -> None:
-    """A light joint under a share of its friction, which the other joint shakes; where both explain 4.7 mrad it slides in truth."""
+@pytest.mark.parametrize("load", [0.5, 0.8])
+@pytest.mark.parametrize("other", [0.0, 0.1])
+def test_a_joint_that_friction_holds_does_not_creep(load: float, other: float) -> None:
+    """A light joint under a share of its friction, which the other joint shakes.
+
+    What holds it is no impulse on the other joint, whose own friction turns around at reversals.
+    """
     robot, _ = planar(1e-4)
     inertias = {"ZZ1": 0.02, "ZZ2": 0.003, "M1": 1.0, "M2": 1.0, "Ia1": 0.01, "Ia2": 0.005}
-    friction = {"Fc1": 0.1, "Fv1": 0.5, "Fc2": 0.6, "Fv2": 0.8, "Off2": 0.6 * load}
+    friction = {"Fc1": other, "Fv1": 0.5, "Fc2": 0.6, "Fv2": 0.8, "Off2": 0.6 * load}
     x = np.array([{**inertias, **friction}.get(name, 0.0) for name in robot.parameter_names])
     t = np.arange(401) / 200.0
     shaken = np.stack([0.2 * np.sin(4.0 * np.pi * t), np.zeros(401)], axis=1)
@@ -134,4 +138,5 @@ def test_a_joint_that_friction_holds_does_not_creep(load: float) -> None:
 
     exact = positions(1e-4)
     for step in (1e-3, 2e-3):
-        assert np.abs(positions(step) - exact)[:, 1].max() < 2e-5
+        off = np.abs(positions(step) - exact).max(axis=0)
+        assert (off < [1.5e-4 if other else 2e-6, 2e-5]).all(), off

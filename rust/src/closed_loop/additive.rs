@@ -2,9 +2,9 @@
 //! Carpenter (2003, Applied Numerical Mathematics 44, 139-181), four evaluations of the model a step as the classical method.
 //!
 //! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb friction
-//! of joints and coupled motors, and the rest. The order holds for any such split; what is steep at reversals is in the first
-//! part, whose method is L-stable. A stage of it solves `M (dq - dq*) + h g F(dq) = 0`: the minimum of a convex function, found
-//! by Newton's method with secant steps where that goes too far. Everything else, the model included, is evaluated as
+//! of joints and coupled motors, and the rest. The order holds for any such split, but where stiff friction holds a joint at rest; what is
+//! steep at reversals is in the first part, whose method is L-stable. A stage of it solves `M (dq - dq*) + h g F(dq) = 0`: the minimum of a
+//! convex function, found by Newton's method with secant steps where that goes too far. Everything else, the model included, is evaluated as
 //! [`super::runge_kutta`] does. Tested in `rust/tests/closed_loop/additive.rs`: order three, and reversals in steps that the
 //! classical method cannot take.
 
@@ -47,6 +47,8 @@ const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.
 const STEEP: f64 = 40.0;
 /// Slope of friction as a share of that at rest down to which a joint rests: up to four smoothing velocities.
 const RESTS: f64 = 1.3e-3;
+/// Stiffness of what holds a joint, as a multiple of its inertia: the others move with it to this share.
+const GRIP: f64 = 1e9;
 /// Newton step, as a share of the smoothing velocity, that is the last: the error after it is its square.
 const SMALL: f64 = 1e-4;
 /// Residual of the accelerations, as a share of the smoothing velocities, below which a stage has converged.
@@ -124,7 +126,6 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
         }
         (self.speed[stage], self.whole[stage], self.growth[stage]) = (here.dq, direct.ddq, *dz);
         if stage == 3 {
-            let held = self.held(n, h * DIAGONAL, &here.dq);
             let weights = IMPLICIT[3].map(|weight| Lanes::splat(h * weight));
             let Self { start, speed, whole, growth, .. } = self;
             for_joints!(j in n => {
@@ -134,8 +135,8 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
                     here.dq[j] = weight.mul_add(whole[l][j], here.dq[j]);
                     here.z[j] = weight.mul_add(growth[l][j], here.z[j]);
                 }
-                here.dq[j] = speed[3][j].or_where_not_above(here.dq[j], held[j]);
             });
+            self.hold(n, h * DIAGONAL, &mut here.dq);
             return;
         }
         let next = stage + 1;
@@ -162,18 +163,22 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
 }
 
 impl<V: Set, S: Arm> Additive<'_, V, S> {
-    /// Above zero at joints that friction holds at the end of a step, whose velocities there are `dq`.
+    /// Gives joints that friction holds at the end of a step, whose velocities are `dq`, those of the last stage.
     ///
-    /// The last stage has the velocity with which friction balances the other torques. That by the weights differs from it by what is turned
-    /// around in the next step if friction is steep, and under a load a joint at rest would creep.
+    /// There friction balances the other torques. The velocities by the weights differ from it by what is turned around in the next step if
+    /// friction is steep, and under a load a joint at rest would creep. What holds a joint acts on it alone, so the others move with it.
     #[inline(always)]
-    fn held(&mut self, n: usize, w: f64, dq: &PerJoint<V>) -> PerJoint<V> {
-        let Self { inertia, matrix, friction, .. } = self;
-        let still = [Lanes::zero(); MAX_DOF];
-        let (mut spare, mut held, mut steep) = (still, still, still);
-        for speeds in [&still, dq] {
+    fn hold(&mut self, n: usize, w: f64, dq: &mut PerJoint<V>) {
+        let Self { inertia, matrix, friction, speed, .. } = self;
+        let zero = [Lanes::zero(); MAX_DOF];
+        let (nothing, last) = (Lanes::zero(), &speed[3]);
+        let (mut spare, mut still) = (zero, zero);
+        // So near zero that only the direction counts.
+        for_joints!(j in n => still[j] = last[j].scale(1e-9));
+        let (mut held, mut steep, mut most) = (zero, zero, -Lanes::splat(1.0));
+        for speeds in [&still, last] {
             for_joints!(j in n => for_joints!(k in n => if k <= j {
-                matrix[j][k] = Lanes::zero();
+                matrix[j][k] = nothing;
             }));
             friction.add(n, w, speeds, &mut spare, matrix);
             for_joints!(j in n => (steep[j], held[j]) = (held[j], matrix[j][j]));
@@ -181,8 +186,25 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
         for_joints!(j in n => {
             let rests = steep[j].neg_mul_add(Lanes::splat(RESTS), held[j]);
             held[j] = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), steep[j]).min(rests);
+            most = held[j].max(most);
         });
-        held
+        if (-most).all_above(0.0) {
+            return;
+        }
+        let mut pull = zero;
+        for_joints!(j in n => {
+            for_joints!(k in n => if k <= j {
+                matrix[j][k] = inertia[j][k];
+            });
+            let grip = inertia[j][j].scale(GRIP).or_where_not_above(nothing, held[j]);
+            pull[j] = grip * (dq[j] - last[j]);
+            matrix[j][j] += grip;
+        });
+        let moved = solve(n, matrix, &pull);
+        for_joints!(j in n => {
+            let other = (dq[j] + moved[j]).or_where_not_above(dq[j], most);
+            dq[j] = last[j].or_where_not_above(other, held[j]);
+        });
     }
 
     /// Velocities `dq` with `M (dq - dq*) + w F(dq) = 0`, from `dq*` and a guess. A lane that has found them waits for the others.

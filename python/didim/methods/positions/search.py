@@ -23,8 +23,8 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-4, 1e-9
 """Damping of the first step, and its lower bound, as shares of the squared lengths of the columns."""
 RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
-DAMPINGS = 10.0 ** np.arange(-6.0, 2.0)
-"""Dampings of the steps that are tried at once between kinks: two lanes of four."""
+DAMPINGS = 10.0 ** np.arange(-6.0, 1.0)
+"""Dampings of the steps that are tried at once between kinks: with the point they start from two registers of four lanes."""
 LESSONS = 4
 """Number of batches in a row that bring too little, from which derivatives are corrected, before the search between kinks ends."""
 MOST_RAISES = 10
@@ -190,6 +190,7 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
     `exact` simulates the derivatives at each point, and ends by those of the last one; otherwise the errors after a step correct
     them, and they are simulated anew where a step brings less than half of what they promise.
     """
+    now.status = Status.NOT_CONVERGED
     if now.problem.sticks:
         return _search_between_kinks(now, most, tolerance, reporter, exact)
     problem = now.problem
@@ -217,7 +218,7 @@ def search(now: Search, *, most: int, tolerance: float, reporter: Reporter, exac
                 now.renew()
             continue
         fall = now.cost - cost
-        ends, before = not accepted or last or fall < tolerance * now.cost, now.theta
+        ends, before = not accepted or last or fall < tolerance * now.cost, (now.theta, now.cost)
         if accepted:
             if not (exact or ends):
                 now.learn(trial - now.theta, tried, np.diag(a))
@@ -251,12 +252,22 @@ def _search_between_kinks(
     while len(now.history) < done + most:
         a, b = now.normal()
         steps = np.array([bounded_step(now, a, b, damping) for damping in DAMPINGS])
-        trials = np.clip(now.theta + steps, *problem.bounds)
+        # The steps of a simulation depend on its candidates, and errors with kinks on these: so the point itself is the first,
+        # and the best counts by its own.
+        trials = np.clip(np.vstack([now.theta, now.theta + steps]), *problem.bounds)
         tried = problem.errors_of(trials)
         costs = np.array([_cost(now, *pair) for pair in zip(tried, trials, strict=True)])
-        best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
-        fall, before = now.cost - costs[best], now.theta
-        taken, ran = fall > tolerance * now.cost, np.isfinite(costs)
+        if np.isfinite(costs[0]):
+            now.errors, now.cost = tried[0], float(costs[0])
+        ran = np.isfinite(costs) & (np.arange(len(costs)) > 0)
+        best = int(np.argmin(np.where(ran, costs, np.inf)))
+        before = now.theta, now.cost
+        taken = bool(ran.any() and now.cost - costs[best] > tolerance * now.cost)
+        if taken:
+            tried[best] = problem.errors(trials[best])
+            costs[best] = _cost(now, tried[best], trials[best])
+        fall = now.cost - costs[best]
+        taken = taken and bool(fall > tolerance * now.cost)
         if not taken and simulated is None:
             now.renew()
             simulated = now.blocks
@@ -267,32 +278,34 @@ def _search_between_kinks(
             lessons += 1
             continue
         if taken:
-            learns = not exact and 2.0 * fall > -promised(a, b, steps[best])
+            learns = not exact and 2.0 * fall > -promised(a, b, trials[best] - now.theta)
             if learns:
                 now.learn(trials[best] - now.theta, tried[best], np.diag(a))
             now.theta, now.errors, now.cost = trials[best], tried[best], float(costs[best])
             if not learns:
                 now.renew()
-            simulated, lessons = None if learns else now.blocks, 0
+            simulated = None if learns else now.blocks
         elif simulated is not None:
             now.blocks, now.fresh = simulated, True
-        if _stopped(now, before, a, float(DAMPINGS[best]), reporter):
+        if _stopped(now, before, a, float(DAMPINGS[max(best, 1) - 1]), reporter):
             return now
         if not taken:
-            now.status = Status.CONVERGED if ran.any() else Status.NO_STEP
+            moved = ran.any() or lessons or len(now.history) > done + 1
+            now.status = Status.CONVERGED if moved else Status.NO_STEP
             return now
+        lessons = 0
     return now
 
 
-def _stopped(now: Search, before: Array, a: Array, damping: float, reporter: Reporter) -> bool:
-    """Note a step from a point `before` with a normal matrix there; return whether the search was asked to stop."""
-    step = np.abs(now.theta - before) * np.sqrt(np.diag(a))
+def _stopped(now: Search, before: tuple[Array, float], a: Array, damping: float, reporter: Reporter) -> bool:
+    """Note a step from a point and a cost, with a normal matrix there; return whether the search was asked to stop."""
+    step = np.abs(now.theta - before[0]) * np.sqrt(np.diag(a))
     rms = math.sqrt(now.cost / now.rows)
     now.history.append(
         Iteration(
             iteration=len(now.history) + 1,
             relative_error=math.sqrt(now.cost / now.initial) if now.initial > 0.0 else 0.0,
-            step=float(np.max(step)) / math.sqrt(max(now.cost, 1e-300)),
+            step=float(np.max(step)) / math.sqrt(max(before[1], 1e-300)),
             more={"rms": rms, "damping": damping, "simulations": float(now.problem.n_simulations)},
         )
     )
