@@ -175,8 +175,8 @@ class Reference(Brief):
         if not (period_s > 0.0 and duration > 0.0 and np.isfinite(period_s) and np.isfinite(duration)):
             raise ReferenceError(f"period and duration must be positive, got {period_s} and {duration} s")
         knots = KNOTS_PER_PERIOD * len(s) * (duration / period_s)
-        # The core stores the coefficients of four joints together.
-        if knots * (s.shape[1] + 3) > MOST_STORED or knots * len(s) > 100_000_000:
+        stored = 4 * -(-s.shape[1] // 4)  # the core has the coefficients of four joints together
+        if knots * stored > MOST_STORED or knots * len(s) > 100_000_000:
             raise ReferenceError(f"{duration:g} s with {len(s)} harmonics in {period_s:g} s is too long")
         count = max(2, round(knots))
         mean = real_array("offset", offset, ReferenceError)
