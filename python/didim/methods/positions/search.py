@@ -259,13 +259,15 @@ def _search_between_kinks(
         costs = np.array([_cost(now, *pair) for pair in zip(tried, trials, strict=True)])
         if np.isfinite(costs[0]):
             now.errors, now.cost = tried[0], float(costs[0])
-        ran = np.isfinite(costs) & (np.arange(len(costs)) > 0)
+        ran = np.isfinite(costs)
+        ran[0] = False
         best = int(np.argmin(np.where(ran, costs, np.inf)))
         before = now.theta, now.cost
         taken = bool(ran.any() and now.cost - costs[best] > tolerance * now.cost)
         if taken:
             tried[best] = problem.errors(trials[best])
             costs[best] = _cost(now, tried[best], trials[best])
+            ran[best] = np.isfinite(costs[best])
         fall = now.cost - costs[best]
         taken = taken and bool(fall > tolerance * now.cost)
         if not taken and simulated is None:
