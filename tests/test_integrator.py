@@ -49,6 +49,38 @@ def test_defaults_take_fewer_steps_and_come_nearer() -> None:
     assert errors[0] < 0.1 * errors[1], errors
 
 
+def test_a_strong_gear_on_a_light_link_is_simulated_in_steps_beyond_its_time_constant() -> None:
+    """Viscous friction stops the second joint in 0.1 ms: explicit steps of 1 ms leave any bounds."""
+    robot, _ = planar(1e-3)
+    light = {"ZZ1": 0.02, "M1": 1.0, "Ia1": 0.01, "Fv1": 0.5, "Fc1": 0.1, "Ia2": 1e-4, "Fv2": 1.0, "Fc2": 0.2}
+    x = np.array([light.get(name, 0.0) for name in robot.parameter_names])
+    t = np.arange(101) / 200.0
+    commands = np.stack([0.2 * np.sin(4.0 * np.pi * t), 0.3 * np.sin(6.0 * np.pi * t)], axis=1)
+    reference = didim.Reference.sampled(commands, rate_hz=200)
+    controller = didim.Controller.pd([18.0, 18.0], [0.0, 0.0])
+
+    def run(step: float, integrator: str) -> didim.Run:
+        return didim.simulate(
+            robot,
+            x,
+            reference,
+            controller,
+            integrator=integrator,
+            step=step,
+            fine_step=step,
+            rate_hz=200,
+            duration_s=0.5,
+            divergence=10.0,
+            check=False,
+        )
+
+    exact = run(1e-5, "rk4").q
+    assert not run(1e-3, "rk4").outcome.completed
+    for step, most in ((1e-3, 1e-3), (5e-4, 2e-4)):
+        off = np.abs(run(step, "imex").q - exact).max(axis=0)
+        assert (off < most).all(), off
+
+
 def test_the_estimate_of_the_error_is_that_of_third_order() -> None:
     robot, x = planar(0.05)
     run = didim.simulate(

@@ -1,8 +1,8 @@
 //! An additive Runge-Kutta method of third order that takes the steep part of friction implicitly: ARK3(2)4L[2]SA of Kennedy and
 //! Carpenter (2003, Applied Numerical Mathematics 44, 139-181), four evaluations of the model a step as the classical method.
 //!
-//! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb friction
-//! of joints and coupled motors, and the rest. The order holds for any such split, but where stiff friction holds a joint at rest; what is
+//! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb friction of
+//! joints and coupled motors and the viscous friction of joints, and the rest. The order holds for any such split, but where stiff friction holds a joint at rest; what is
 //! steep at reversals is in the first part, whose method is L-stable. A stage of it solves `M (dq - dq*) + h g F(dq) = 0`: the minimum of a
 //! convex function, found by Newton's method with secant steps where that goes too far. Everything else, the model included, is evaluated as
 //! [`super::runge_kutta`] does. Tested in `rust/tests/closed_loop/additive.rs`: order three, and reversals in steps that the
@@ -45,7 +45,8 @@ const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.
 /// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it. With 10 the reversals of the TX40
 /// with a smoothing of 1e-3 rad/s are met worse, by steps of 0.25 ms; joints of an SO-101 that stick have 90 to 300, by 1 ms.
 const STEEP: f64 = 40.0;
-/// Slope of friction as a share of that at rest down to which a joint rests: up to four smoothing velocities.
+/// Speed, in smoothing velocities, up to which a joint rests, and the slope of friction there, as a share of that at rest.
+const SLOW: f64 = 4.0;
 const RESTS: f64 = 1.3e-3;
 /// Stiffness of what holds a joint, as a multiple of its inertia: the others move with it to this share.
 const GRIP: f64 = 1e9;
@@ -68,8 +69,15 @@ pub struct Additive<'a, V: Set, S: Arm> {
     growth: [PerJoint<V>; 4],
     /// `M` at the start of the step.
     inertia: S::Square<Lanes<V>>,
-    /// Memory for the matrix of a Newton step.
+    /// Velocities at the end of a stage without its own steep part.
+    without: PerJoint<V>,
+    /// Memory for the matrix of a Newton step, its residual, the step, where from and which way the last one went. Arrays have room for the
+    /// largest robots: to make them anew takes longer than a step of six joints.
     matrix: S::Square<Lanes<V>>,
+    rest: PerJoint<V>,
+    step: PerJoint<V>,
+    from: PerJoint<V>,
+    way: PerJoint<V>,
     friction: Steep<'a, V>,
     /// 1 in lanes whose `M` was positive definite there.
     sound: Lanes<V>,
@@ -88,7 +96,12 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
             steep: [zero; 4],
             growth: [zero; 4],
             inertia: Square::filled(Lanes::zero(), n),
+            without: zero,
             matrix: Square::filled(Lanes::zero(), n),
+            rest: zero,
+            step: zero,
+            from: zero,
+            way: zero,
             friction,
             sound: Lanes::zero(),
         }
@@ -112,19 +125,25 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
         here: &mut Point<V>,
     ) {
         if stage == 0 {
-            self.start = *here;
             direct.inertia(n, &mut self.inertia);
             let mut smallest = direct.pivots[0];
             for pivot in &direct.pivots[1..n] {
                 smallest = smallest.min(*pivot);
             }
             self.sound = Lanes::splat(1.0).where_above(smallest, Lanes::zero());
-            let mut torque = [Lanes::zero(); MAX_DOF];
-            self.friction.add(n, 1.0, &here.dq, &mut torque, &mut self.matrix);
-            let steep = direct.respond(n, &torque);
-            for_joints!(j in n => self.steep[0][j] = -steep[j]);
+            let Self { start, steep, friction, rest, matrix, .. } = self;
+            for_joints!(j in n => {
+                (start.q[j], start.dq[j], start.z[j]) = (here.q[j], here.dq[j], here.z[j]);
+                rest[j] = Lanes::zero();
+            });
+            friction.add(n, 1.0, &here.dq, rest, matrix);
+            direct.respond(n, rest);
+            for_joints!(j in n => steep[0][j] = -rest[j]);
         }
-        (self.speed[stage], self.whole[stage], self.growth[stage]) = (here.dq, direct.ddq, *dz);
+        let Self { speed, whole, growth, .. } = self;
+        for_joints!(j in n => {
+            (speed[stage][j], whole[stage][j], growth[stage][j]) = (here.dq[j], direct.ddq[j], dz[j]);
+        });
         if stage == 3 {
             let weights = IMPLICIT[3].map(|weight| Lanes::splat(h * weight));
             let Self { start, speed, whole, growth, .. } = self;
@@ -140,10 +159,8 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
             return;
         }
         let next = stage + 1;
-        let mut without = [Lanes::zero(); MAX_DOF];
-        let mut guess = without;
         let way = Lanes::splat(h * DIAGONAL);
-        let Self { start, speed, whole, steep, growth, .. } = self;
+        let Self { start, speed, whole, steep, growth, inertia, friction, without, .. } = self;
         for_joints!(j in n => {
             (here.q[j], without[j], here.z[j]) = (start.q[j], start.dq[j], start.z[j]);
             for l in 0..next {
@@ -154,11 +171,18 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
                 without[j] = more.mul_add(steep[l][j], explicit.mul_add(whole[l][j], without[j]));
             }
             // Friction as it was: right to the bit where the robot slides on.
-            guess[j] = way.mul_add(steep[stage][j], without[j]);
+            let slides = way.mul_add(steep[stage][j], without[j]);
+            // Where it may hold the joint: as slow as it was, and at rest where it would turn around.
+            let before = speed[stage][j];
+            let stiff = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), friction.slope(j) * way);
+            let near = before.abs().neg_mul_add(Lanes::splat(friction.steepness[j]), Lanes::splat(SLOW));
+            let onwards = slides.or_where_not_above(Lanes::zero(), slides * before);
+            let held = before.or_where_not_above(onwards, near);
+            here.dq[j] = held.or_where_not_above(slides, stiff);
         });
-        here.dq = self.slowed(n, h * DIAGONAL, &without, guess);
+        self.slow_down(n, h * DIAGONAL, &mut here.dq);
         let per_way = Lanes::splat(1.0 / (h * DIAGONAL));
-        for_joints!(j in n => self.steep[next][j] = (here.dq[j] - without[j]) * per_way);
+        for_joints!(j in n => self.steep[next][j] = (here.dq[j] - self.without[j]) * per_way);
     }
 }
 
@@ -169,20 +193,18 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
     /// friction is steep, and under a load a joint at rest would creep. What holds a joint acts on it alone, so the others move with it.
     #[inline(always)]
     fn hold(&mut self, n: usize, w: f64, dq: &mut PerJoint<V>) {
-        let Self { inertia, matrix, friction, speed, .. } = self;
-        let zero = [Lanes::zero(); MAX_DOF];
+        let Self { inertia, matrix, friction, speed, rest, step: still, from: steep, way: held, .. } = self;
         let (nothing, last) = (Lanes::zero(), &speed[3]);
-        let (mut spare, mut still) = (zero, zero);
         // So near zero that only the direction counts.
         for_joints!(j in n => still[j] = last[j].scale(1e-9));
-        let (mut held, mut steep, mut most) = (zero, zero, -Lanes::splat(1.0));
-        for speeds in [&still, last] {
+        for speeds in [&*still, last] {
             for_joints!(j in n => for_joints!(k in n => if k <= j {
                 matrix[j][k] = nothing;
             }));
-            friction.add(n, w, speeds, &mut spare, matrix);
+            friction.add_coulomb(n, w, speeds, rest, matrix);
             for_joints!(j in n => (steep[j], held[j]) = (held[j], matrix[j][j]));
         }
+        let mut most = -Lanes::splat(1.0);
         for_joints!(j in n => {
             let rests = steep[j].neg_mul_add(Lanes::splat(RESTS), held[j]);
             held[j] = inertia[j][j].neg_mul_add(Lanes::splat(STEEP), steep[j]).min(rests);
@@ -191,43 +213,40 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
         if (-most).all_above(0.0) {
             return;
         }
-        let mut pull = zero;
         for_joints!(j in n => {
             for_joints!(k in n => if k <= j {
                 matrix[j][k] = inertia[j][k];
             });
             let grip = inertia[j][j].scale(GRIP).or_where_not_above(nothing, held[j]);
-            pull[j] = grip * (dq[j] - last[j]);
+            rest[j] = grip * (dq[j] - last[j]);
             matrix[j][j] += grip;
         });
-        let moved = solve(n, matrix, &pull);
+        solve(n, matrix, rest);
         for_joints!(j in n => {
-            let other = (dq[j] + moved[j]).or_where_not_above(dq[j], most);
+            let other = (dq[j] + rest[j]).or_where_not_above(dq[j], most);
             dq[j] = last[j].or_where_not_above(other, held[j]);
         });
     }
 
-    /// Velocities `dq` with `M (dq - dq*) + w F(dq) = 0`, from `dq*` and a guess. A lane that has found them waits for the others.
+    /// Changes velocities `dq`, a guess, until `M (dq - dq*) + w F(dq) = 0`. A lane that has found them waits for the others.
     #[inline(always)]
-    fn slowed(&mut self, n: usize, w: f64, without: &PerJoint<V>, guess: PerJoint<V>) -> PerJoint<V> {
-        let zero = [Lanes::zero(); MAX_DOF];
+    fn slow_down(&mut self, n: usize, w: f64, dq: &mut PerJoint<V>) {
         let (nothing, one) = (Lanes::zero(), Lanes::splat(1.0));
-        let mut here = guess;
+        let Self { inertia, matrix, friction, without, rest, step, from, way, .. } = self;
         // The last step: where from, which way, its share, and the slope at its start along it, which is negative.
-        let (mut from, mut way, mut share, mut slope) = (guess, zero, nothing, nothing);
+        let (mut share, mut slope) = (nothing, nothing);
+        for_joints!(j in n => (from[j], way[j]) = (dq[j], nothing));
         // 1 where a lane still moves.
         let mut moves = self.sound;
         for _ in 0..MOST {
-            let Self { inertia, matrix, friction, .. } = self;
-            let (mut rest, mut apart) = (zero, zero);
-            for_joints!(j in n => apart[j] = here[j] - without[j]);
+            for_joints!(j in n => (rest[j], step[j]) = (nothing, dq[j] - without[j]));
             for_joints!(j in n => for_joints!(k in n => {
-                rest[j] = inertia[j.max(k)][j.min(k)].mul_add(apart[k], rest[j]);
+                rest[j] = inertia[j.max(k)][j.min(k)].mul_add(step[k], rest[j]);
                 if k <= j {
                     matrix[j][k] = inertia[j][k];
                 }
             }));
-            friction.add(n, w, &here, &mut rest, matrix);
+            friction.add(n, w, dq, rest, matrix);
             let mut beyond = -one;
             for_joints!(j in n => {
                 let size = rest[j].scale(friction.steepness[j]).abs();
@@ -242,16 +261,17 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
             // Beyond the minimum along the last way, and half as steep as at its start: back to where the secant vanishes.
             let retreats = one.where_above(along + slope.scale(0.5), nothing);
             let back = share * slope / (slope - along);
-            let step = solve(n, matrix, &rest);
+            for_joints!(j in n => step[j] = rest[j]);
+            solve(n, matrix, step);
             let mut slope_here = nothing;
             for_joints!(j in n => slope_here = rest[j].mul_add(step[j], slope_here));
             share = back.or_where_not_above(one, retreats);
             slope = slope.or_where_not_above(slope_here, retreats);
             let mut large = nothing;
             for_joints!(j in n => {
-                from[j] = from[j].or_where_not_above(here[j], retreats);
+                from[j] = from[j].or_where_not_above(dq[j], retreats);
                 way[j] = way[j].or_where_not_above(step[j], retreats);
-                here[j] = share.mul_add(way[j], from[j]).or_where_not_above(here[j], moves);
+                dq[j] = share.mul_add(way[j], from[j]).or_where_not_above(dq[j], moves);
                 large = step[j].scale(friction.steepness[j]).abs().max(large);
             });
             // It moves on where it went back, or where the step was large.
@@ -260,15 +280,13 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
                 break;
             }
         }
-        here
     }
 }
 
-/// `-W^-1 r` by `W = L' D L`, which takes the place of `W`.
+/// Puts `-W^-1 r` in the place of `r`, by `W = L' D L`, which takes the place of `W`.
 #[inline(always)]
-pub(super) fn solve<V: Set>(n: usize, w: &mut impl Square<Lanes<V>>, r: &PerJoint<V>) -> PerJoint<V> {
-    let mut y = [Lanes::zero(); MAX_DOF];
-    for_joints!(j in n => y[j] = -r[j]);
+pub(super) fn solve<V: Set>(n: usize, w: &mut impl Square<Lanes<V>>, r: &mut PerJoint<V>) {
+    for_joints!(j in n => r[j] = -r[j]);
     for_joints!(last in n => {
         let k = n - 1 - last;
         let inverse = Lanes::splat(1.0) / w[k][k];
@@ -277,13 +295,12 @@ pub(super) fn solve<V: Set>(n: usize, w: &mut impl Square<Lanes<V>>, r: &PerJoin
             for_joints!(i in n => if i <= j {
                 w[j][i] = factor.neg_mul_add(w[k][i], w[j][i]);
             });
-            y[j] = factor.neg_mul_add(y[k], y[j]);
+            r[j] = factor.neg_mul_add(r[k], r[j]);
             w[j][k] = factor; // in the upper half, which is free
         });
-        y[k] = y[k] * inverse;
+        r[k] = r[k] * inverse;
     });
     for_joints!(j in n => for_joints!(i in n => if i < j {
-        y[j] = w[i][j].neg_mul_add(y[i], y[j]);
+        r[j] = w[i][j].neg_mul_add(r[i], r[j]);
     }));
-    y
 }

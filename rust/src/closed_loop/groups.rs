@@ -4,7 +4,7 @@
 
 use crate::closed_loop::observers::Observer;
 use crate::closed_loop::simulate::run_group;
-use crate::closed_loop::simulation::{Candidate, Outcome, Simulation, SimulationError, check};
+use crate::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation, SimulationError, check};
 use crate::ground::cancel::Cancel;
 use crate::ground::dispatch::{WIDTH, widest};
 use crate::ground::parallel;
@@ -25,6 +25,7 @@ pub fn simulate<O: Observer>(
     let width = match candidates.len() {
         1 => 1,
         few if few <= WIDTH * threads => WIDTH,
+        _ if simulation.integrator == Integrator::Additive => WIDTH,
         _ => widest(),
     };
     Ok(parallel::map(candidates.len().div_ceil(width), threads, |g| {

@@ -122,6 +122,8 @@ impl<'a, V: Set> ServoLanes<'a, V> {
             beyond: zero,
             sticks: zero,
             last: *dq,
+            free: zero,
+            change: zero,
             matrix: Square::filled(Lanes::zero(), n),
         });
         Self {
@@ -172,6 +174,9 @@ pub(super) struct Soft<V: Set> {
     /// 1 where a joint sticks, and the torque that it would stick by, as they were last.
     sticks: PerJoint<V>,
     last: PerJoint<V>,
+    /// Memory for velocities over the time of the friction, with the accelerations at hand, and for what changes these.
+    free: PerJoint<V>,
+    change: PerJoint<V>,
     /// Memory for the matrix of a Newton step.
     matrix: <Any as Arm>::Square<Lanes<V>>,
 }
@@ -181,21 +186,18 @@ impl<V: Set> Soft<V> {
     #[inline(always)]
     pub(super) fn hold<S: Arm>(&mut self, n: usize, dq: &PerJoint<V>, direct: &mut Direct<V, S>) {
         let one = Lanes::splat(1.0);
-        let Self { coulomb, slope, rate, added, beyond, sticks, last, matrix } = self;
-        let mut free = [Lanes::zero(); MAX_DOF];
+        let Self { coulomb, slope, rate, added, beyond, sticks, last, free, change, matrix } = self;
         for_joints!(j in n => free[j] = rate[j].mul_add(dq[j], direct.ddq[j]));
-        let mut change = [Lanes::zero(); MAX_DOF];
         for _ in 0..MOST {
-            let mut torque = [Lanes::zero(); MAX_DOF];
             direct.inertia(n, matrix);
             for_joints!(j in n => {
                 let within = slope[j] * sticks[j];
                 let heavier = added[j] * beyond[j];
                 let friction = within.mul_add(free[j], (one - sticks[j]) * coulomb[j].copysign(last[j]));
-                torque[j] = heavier.mul_add(direct.ddq[j], friction);
+                change[j] = heavier.mul_add(direct.ddq[j], friction);
                 matrix[j][j] += within + heavier;
             });
-            change = solve(n, matrix, &torque);
+            solve(n, matrix, change);
             let mut turned = Lanes::zero();
             for_joints!(j in n => {
                 let felt = slope[j] * (free[j] + change[j]);

@@ -291,23 +291,21 @@ impl<V: Set, S: Arm> Direct<V, S> {
         });
     }
 
-    /// Accelerations that torques cause by themselves, at the state solved last.
+    /// Puts the accelerations that torques cause by themselves in their place, at the state solved last.
     #[inline(always)]
-    pub fn respond(&self, n: usize, tau: &[Lanes<V>; MAX_DOF]) -> [Lanes<V>; MAX_DOF] {
-        let mut ddq = *tau;
+    pub fn respond(&self, n: usize, tau: &mut [Lanes<V>; MAX_DOF]) {
         for_joints!(last in n => {
             let k = n - 1 - last;
             for_joints!(j in n => if j < k {
-                ddq[j] = self.factor[k][j].neg_mul_add(ddq[k], ddq[j]);
+                tau[j] = self.factor[k][j].neg_mul_add(tau[k], tau[j]);
             });
         });
         for_joints!(j in n => {
-            ddq[j] = ddq[j] * self.inverse_pivots[j];
+            tau[j] = tau[j] * self.inverse_pivots[j];
             for_joints!(i in n => if i < j {
-                ddq[j] = self.factor[j][i].neg_mul_add(ddq[i], ddq[j]);
+                tau[j] = self.factor[j][i].neg_mul_add(tau[i], tau[j]);
             });
         });
-        ddq
     }
 }
 

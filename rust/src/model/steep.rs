@@ -1,4 +1,5 @@
-//! The steep part of friction: Coulomb friction of joints and coupled motors as `tanh`, whose slope at reversals is `Fc / v`.
+//! The steep part of friction: Coulomb friction of joints and coupled motors as `tanh`, whose slope at reversals is `Fc / v`, and viscous
+//! friction of joints, which is steep where a light link has a strong gear.
 //!
 //! It is the gradient of a convex function of the velocities: coefficients that are negative, which no robot has, count as zero.
 //! Of friction that falls with speed (Stribeck) the level at rest belongs to it, so that what is left of friction is not steep.
@@ -15,12 +16,14 @@ use crate::robot::{CoupledMotor, Coupling, Robot};
 /// One number per joint, on lanes.
 type PerJoint<V> = [Lanes<V>; MAX_DOF];
 
-/// Coulomb friction of candidates.
+/// Coulomb and viscous friction of candidates.
 #[derive(Debug, Clone, Copy)]
 pub struct Steep<'a, V: Set> {
     /// Coefficients of the joints (N.m or N), forwards and backwards.
     forward: PerJoint<V>,
     backward: PerJoint<V>,
+    /// Viscous coefficients of the joints (N.m.s/rad or N.s/m), the smaller ones of both directions.
+    viscous: PerJoint<V>,
     /// Reciprocals of the smoothing velocities.
     pub steepness: [f64; MAX_DOF],
     coupled: &'a [CoupledMotor],
@@ -57,8 +60,9 @@ impl<'a, V: Set> Steep<'a, V> {
     pub fn of(robot: &'a Robot, links: &Links<V>) -> Self {
         let nothing = Lanes::zero();
         let friction = robot.friction();
-        let [_, first, _, second] = &links.friction;
+        let [slow, first, other, second] = &links.friction;
         let (mut forward, mut backward) = (*first, if friction.asymmetric { *second } else { *first });
+        let mut viscous = *slow;
         for (term, &parameter) in friction.terms.iter().zip(&links.terms) {
             if let Law::Stribeck { .. } = term.law {
                 forward[term.joint] += parameter;
@@ -77,30 +81,56 @@ impl<'a, V: Set> Steep<'a, V> {
         for (j, velocity) in friction.smoothing.iter().enumerate() {
             steepness[j] = 1.0 / velocity;
             (forward[j], backward[j]) = (forward[j].max(nothing), backward[j].max(nothing));
+            viscous[j] = if friction.asymmetric { slow[j].min(other[j]) } else { slow[j] }.max(nothing);
         }
         if let Some(followers) = robot.followers() {
             // Where a joint has one leader, its friction is that of the leader; of several the rest of the step takes it.
-            let (mut along, mut against, mut steep) =
-                ([nothing; MAX_DOF], [nothing; MAX_DOF], [0.0; MAX_DOF]);
+            let (mut along, mut against, mut slowing, mut steep) =
+                ([nothing; MAX_DOF], [nothing; MAX_DOF], [nothing; MAX_DOF], [0.0; MAX_DOF]);
             for j in 0..robot.n_joints() {
                 if let [(a, factor)] = *followers.leaders(j) {
                     let turned =
                         if factor > 0.0 { [forward[j], backward[j]] } else { [backward[j], forward[j]] };
                     along[a] += turned[0].scale(factor.abs());
                     against[a] += turned[1].scale(factor.abs());
+                    slowing[a] += viscous[j].scale(factor * factor);
                     if Layout::of(robot).number(j) == a {
                         steep[a] = steepness[j];
                     }
                 }
             }
-            (forward, backward, steepness) = (along, against, steep);
+            (forward, backward, viscous, steepness) = (along, against, slowing, steep);
         }
-        Self { forward, backward, steepness, coupled: robot.coupled(), shafts }
+        Self { forward, backward, viscous, steepness, coupled: robot.coupled(), shafts }
+    }
+
+    /// Slope of a joint's friction at rest, the larger one of both directions (N.m.s/rad or N.s/m).
+    #[inline(always)]
+    pub fn slope(&self, j: usize) -> Lanes<V> {
+        self.forward[j].max(self.backward[j]).scale(self.steepness[j])
     }
 
     /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`.
     #[inline(always)]
     pub fn add(
+        &self,
+        n: usize,
+        w: f64,
+        dq: &PerJoint<V>,
+        tau: &mut PerJoint<V>,
+        matrix: &mut impl Square<Lanes<V>>,
+    ) {
+        for_joints!(j in n => {
+            let slope = self.viscous[j].scale(w);
+            tau[j] = slope.mul_add(dq[j], tau[j]);
+            matrix[j][j] += slope;
+        });
+        self.add_coulomb(n, w, dq, tau, matrix);
+    }
+
+    /// As [`Self::add`], of Coulomb friction alone.
+    #[inline(always)]
+    pub fn add_coulomb(
         &self,
         n: usize,
         w: f64,
@@ -146,7 +176,7 @@ mod tests {
     use crate::robot::arm::{Any, Arm};
     use crate::robot::{Friction, Joint, JointKind};
 
-    /// Three joints without inertia and viscous friction, whose last motor turns with all of them.
+    /// Three joints without inertia, whose last motor turns with all of them.
     fn robot() -> Robot {
         let joint = Joint { kind: JointKind::Revolute, alpha: 0.4, d: 0.1, theta: 0.0, r: 0.0 };
         let transmission = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 0.0], vec![0.5, -0.3, 1.0]];
@@ -155,13 +185,14 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_coulomb_friction_of_each_direction_and_its_slopes() {
+    fn it_is_the_friction_of_each_direction_and_its_slopes() {
         let robot = robot();
         let layout = Layout::of(&robot);
         let mut x = vec![0.0; layout.count()];
         for (j, [forward, backward]) in [[1.0, 0.3], [0.8, 2.0], [3.0, 2.5]].into_iter().enumerate() {
             let first = layout.joint(j) + crate::robot::parameters::FRICTION;
             (x[first + 1], x[first + 3]) = (forward, backward);
+            (x[first], x[first + 2]) = (0.4, 0.4);
         }
         x[layout.coupled(0) + 1] = 1.5;
         let links = Links::<Plain<1>>::of_one(&robot, robot.geometry(), &x);

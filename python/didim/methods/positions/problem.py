@@ -257,7 +257,7 @@ class Problem:
             "bias_rad": 0.1,
             **dict(zip(SOFT, SOFTNESS, strict=True)),
         }
-        share = 3e-2 if self.sticks else 1e-3
+        share = 0.1 if self.sticks else 1e-3
         # A set-point that commands leave behind turns at their samples, and where it turns jumps with its acceleration.
         sizes[ACCELERATION] = 3e-2 / share * self.values.drive.get(ACCELERATION, np.ones(n))
         return {kind: np.broadcast_to(share * size, n) for kind, size in sizes.items()}
@@ -394,18 +394,22 @@ class Problem:
         ]
         return [list(errors) for errors in zip(*batches, strict=True)] or [[] for _ in thetas]
 
-    def derivatives(self, theta: Array, first: int = 0) -> tuple[list[Array], list[Array]]:
+    def derivatives(
+        self, theta: Array, first: int = 0, side: float = 1.0
+    ) -> tuple[list[Array], list[Array]]:
         """Return errors and their derivatives of each rollout of the fit, by differences in lanes.
 
-        They are (n_rows,) and (n_rows, n_own_columns), the own columns being those from number `first` on.
+        They are (n_rows,) and (n_rows, n_own_columns), the own columns being those from number `first` on. Differences are to larger
+        values, or to smaller ones with a `side` of -1, but where these are beyond a bound.
         """
-        _, high = self.bounds
+        low, high = self.bounds
         errors, blocks = [], []
         for rollout in self.rollouts:
             own = self.own(rollout)
             own = own[own >= first]
-            steps = np.array([self.columns[k].step for k in own])
-            steps = np.where(theta[own] + steps > high[own], -steps, steps)
+            steps = side * np.array([self.columns[k].step for k in own])
+            beyond = (theta[own] + steps > high[own]) | (theta[own] + steps < low[own])
+            steps = np.where(beyond, -steps, steps)
             thetas = np.tile(theta, (1 + len(own), 1))
             thetas[1 + np.arange(len(own)), own] += steps
             q, completed = self.positions(rollout, thetas)

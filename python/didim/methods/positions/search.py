@@ -25,8 +25,6 @@ RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
 DAMPINGS = 10.0 ** np.arange(-6.0, 1.0)
 """Dampings of the steps that are tried at once between kinks: with the point they start from two registers of four lanes."""
-LESSONS = 4
-"""Number of batches in a row that bring too little, from which derivatives are corrected, before the search between kinks ends."""
 MOST_RAISES = 10
 """Number of damping increases in a row after which the search ends."""
 SLOPE = 1e-9
@@ -60,6 +58,8 @@ class Search:
         One per accepted step.
     fresh : bool
         Whether the derivatives were simulated there; otherwise they are those of a point before, corrected by the errors since.
+    both : bool
+        Whether they are the means of differences to both sides.
     """
 
     problem: Problem
@@ -72,6 +72,7 @@ class Search:
     status: Status = Status.NOT_CONVERGED
     history: list[Iteration] = field(default_factory=list)
     fresh: bool = True
+    both: bool = False
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -105,10 +106,17 @@ class Search:
         With the steps of all candidates a simulation may fail that the errors alone do not, at the edge of what can be simulated.
         """
         errors, blocks = self.problem.derivatives(self.theta)
-        self.fresh = True
+        self.fresh, self.both = True, False
         if all(np.isfinite(e).all() for e in errors):
             self.errors, self.blocks = errors, blocks
             self.cost = _cost(self, errors, self.theta)
+
+    def look_back(self) -> None:
+        """Take the means of the derivatives, simulated to one side, and those to the other."""
+        errors, blocks = self.problem.derivatives(self.theta, side=-1.0)
+        self.both = True
+        if all(np.isfinite(e).all() for e in errors):
+            self.blocks = [(a + b) / 2.0 for a, b in zip(self.blocks, blocks, strict=True)]
 
     def learn(self, step: Array, errors: Sequence[Array], squares: Array) -> None:
         """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns.
@@ -123,7 +131,7 @@ class Search:
             s, weight = step[own], squares[own] * step[own]
             size = float(s @ weight)
             blocks.append(j + np.outer(e - before - j @ s, weight / size) if size > 0.0 else j)
-        self.blocks, self.fresh = blocks, False
+        self.blocks, self.fresh, self.both = blocks, False, False
 
     def blocks_in(self, problem: Problem) -> list[Array] | None:
         """Return the derivatives in the rows of a problem of the same unknowns; None unless all of its rows are there."""
@@ -247,8 +255,7 @@ def _search_between_kinks(
     still have far to fall. Steps of all dampings are lanes of one batch, and the best is taken; where it brings little, the longest
     of them corrects the derivatives, and others are tried.
     """
-    problem, done, lessons = now.problem, len(now.history), 0
-    simulated = now.blocks if now.fresh else None
+    problem, done = now.problem, len(now.history)
     while len(now.history) < done + most:
         a, b = now.normal()
         steps = np.array([bounded_step(now, a, b, damping) for damping in DAMPINGS])
@@ -270,14 +277,11 @@ def _search_between_kinks(
             ran[best] = np.isfinite(costs[best])
         fall = now.cost - costs[best]
         taken = taken and bool(fall > tolerance * now.cost)
-        if not taken and simulated is None:
-            now.renew()
-            simulated = now.blocks
-            continue
-        if not taken and lessons < LESSONS and ran.any():
-            longest = int(np.argmax(ran))
-            now.learn(trials[longest] - now.theta, tried[longest], np.diag(a))
-            lessons += 1
+        if not (taken or (now.fresh and now.both)):
+            if now.fresh:
+                now.look_back()
+            else:
+                now.renew()
             continue
         if taken:
             learns = not exact and 2.0 * fall > -promised(a, b, trials[best] - now.theta)
@@ -286,16 +290,12 @@ def _search_between_kinks(
             now.theta, now.errors, now.cost = trials[best], tried[best], float(costs[best])
             if not learns:
                 now.renew()
-            simulated = None if learns else now.blocks
-        elif simulated is not None:
-            now.blocks, now.fresh = simulated, True
         if _stopped(now, before, a, float(DAMPINGS[max(best, 1) - 1]), reporter):
             return now
         if not taken:
-            moved = ran.any() or lessons or len(now.history) > done + 1
+            moved = ran.any() or len(now.history) > done + 1
             now.status = Status.CONVERGED if moved else Status.NO_STEP
             return now
-        lessons = 0
     return now
 
 
