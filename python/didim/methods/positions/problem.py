@@ -231,7 +231,7 @@ class Problem:
         """Return changes for differences by kind, (n_dof,) each.
 
         Each moves the torque by a thousandth of what the servo gives, delays and biases by what is small. With friction that
-        sticks errors have kinks within these, and a search by the slopes between two of them ends there: it takes 30 of them.
+        sticks errors have kinks within these, and a search by the slopes between two of them ends there: it takes 100 of them.
         """
         n = self.robot.n_dof
         error, speed, inertia, count = (np.zeros(n) for _ in range(4))
