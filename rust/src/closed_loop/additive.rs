@@ -1,8 +1,8 @@
 //! An additive Runge-Kutta method of third order that takes the steep part of friction implicitly: ARK3(2)4L[2]SA of Kennedy and
 //! Carpenter (2003, Applied Numerical Mathematics 44, 139-181), four evaluations of the model a step as the classical method.
 //!
-//! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb friction of
-//! joints and coupled motors and the viscous friction of joints, and the rest. The order holds for any such split, but where stiff friction holds a joint at rest; what is
+//! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb and viscous friction
+//! of joints and coupled motors, and the rest. The order holds for any such split, but where stiff friction holds a joint at rest; what is
 //! steep at reversals is in the first part, whose method is L-stable. A stage of it solves `M (dq - dq*) + h g F(dq) = 0`: the minimum of a
 //! convex function, found by Newton's method with secant steps where that goes too far. Everything else, the model included, is evaluated as
 //! [`super::runge_kutta`] does. Tested in `rust/tests/closed_loop/additive.rs`: order three, and reversals in steps that the
@@ -45,8 +45,9 @@ const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.
 /// Slope of friction at rest times a stage, as a multiple of the inertia, from which a joint is held by it. With 10 the reversals of the TX40
 /// with a smoothing of 1e-3 rad/s are met worse, by steps of 0.25 ms; joints of an SO-101 that stick have 90 to 300, by 1 ms.
 const STEEP: f64 = 40.0;
-/// Speed, in smoothing velocities, up to which a joint rests, and the slope of friction there, as a share of that at rest.
+/// Speed, in smoothing velocities, up to which a joint rests.
 const SLOW: f64 = 4.0;
+/// Slope of friction there, as a share of that at velocity zero.
 const RESTS: f64 = 1.3e-3;
 /// Stiffness of what holds a joint, as a multiple of its inertia: the others move with it to this share.
 const GRIP: f64 = 1e9;
@@ -71,8 +72,8 @@ pub struct Additive<'a, V: Set, S: Arm> {
     inertia: S::Square<Lanes<V>>,
     /// Velocities at the end of a stage without its own steep part.
     without: PerJoint<V>,
-    /// Memory for the matrix of a Newton step, its residual, the step, where from and which way the last one went. Arrays have room for the
-    /// largest robots: to make them anew takes longer than a step of six joints.
+    /// Memory for the matrix of a Newton step, and below for its residual, the step, where the last one began and which way it went; between
+    /// stages for other numbers. Arrays have room for the largest robots: to make them anew takes longer than a step of six joints.
     matrix: S::Square<Lanes<V>>,
     rest: PerJoint<V>,
     step: PerJoint<V>,
@@ -136,7 +137,7 @@ impl<'a, V: Set, S: Arm> Additive<'a, V, S> {
                 (start.q[j], start.dq[j], start.z[j]) = (here.q[j], here.dq[j], here.z[j]);
                 rest[j] = Lanes::zero();
             });
-            friction.add(n, 1.0, &here.dq, rest, matrix);
+            friction.add::<true>(n, 1.0, &here.dq, rest, matrix);
             direct.respond(n, rest);
             for_joints!(j in n => steep[0][j] = -rest[j]);
         }
@@ -201,7 +202,7 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
             for_joints!(j in n => for_joints!(k in n => if k <= j {
                 matrix[j][k] = nothing;
             }));
-            friction.add_coulomb(n, w, speeds, rest, matrix);
+            friction.add::<false>(n, w, speeds, rest, matrix);
             for_joints!(j in n => (steep[j], held[j]) = (held[j], matrix[j][j]));
         }
         let mut most = -Lanes::splat(1.0);
@@ -246,7 +247,7 @@ impl<V: Set, S: Arm> Additive<'_, V, S> {
                     matrix[j][k] = inertia[j][k];
                 }
             }));
-            friction.add(n, w, dq, rest, matrix);
+            friction.add::<true>(n, w, dq, rest, matrix);
             let mut beyond = -one;
             for_joints!(j in n => {
                 let size = rest[j].scale(friction.steepness[j]).abs();

@@ -21,7 +21,8 @@ pub fn simulate<O: Observer>(
     observer: impl Fn(usize) -> O + Sync,
 ) -> Result<Vec<(Vec<Outcome>, O)>, SimulationError> {
     check(&simulation, candidates)?;
-    // Lanes that would run empty are worth less than threads that would: eight only where four leave no thread idle.
+    // Lanes that would run empty are worth less than threads that would: eight only where four leave no thread idle, and where there is
+    // a kernel of eight.
     let width = match candidates.len() {
         1 => 1,
         few if few <= WIDTH * threads => WIDTH,

@@ -1,5 +1,5 @@
 //! The steep part of friction: Coulomb friction of joints and coupled motors as `tanh`, whose slope at reversals is `Fc / v`, and viscous
-//! friction of joints, which is steep where a light link has a strong gear.
+//! friction of both, which is steep where a light link has a strong gear.
 //!
 //! It is the gradient of a convex function of the velocities: coefficients that are negative, which no robot has, count as zero.
 //! Of friction that falls with speed (Stribeck) the level at rest belongs to it, so that what is left of friction is not steep.
@@ -22,13 +22,13 @@ pub struct Steep<'a, V: Set> {
     /// Coefficients of the joints (N.m or N), forwards and backwards.
     forward: PerJoint<V>,
     backward: PerJoint<V>,
-    /// Viscous coefficients of the joints (N.m.s/rad or N.s/m), the smaller ones of both directions.
-    viscous: PerJoint<V>,
+    /// Viscous coefficients of the joints (N.m.s/rad or N.s/m), forwards and backwards.
+    viscous: [PerJoint<V>; 2],
     /// Reciprocals of the smoothing velocities.
     pub steepness: [f64; MAX_DOF],
     coupled: &'a [CoupledMotor],
-    /// Coefficients of the coupled motors.
-    shafts: PerJoint<V>,
+    /// Viscous and Coulomb coefficients of the coupled motors.
+    shafts: [PerJoint<V>; 2],
 }
 
 /// Why a robot's friction has no such part, or another one than [`Steep`] takes; None where it has it.
@@ -62,38 +62,47 @@ impl<'a, V: Set> Steep<'a, V> {
         let friction = robot.friction();
         let [slow, first, other, second] = &links.friction;
         let (mut forward, mut backward) = (*first, if friction.asymmetric { *second } else { *first });
-        let mut viscous = *slow;
+        let mut viscous = [*slow, if friction.asymmetric { *other } else { *slow }];
         for (term, &parameter) in friction.terms.iter().zip(&links.terms) {
             if let Law::Stribeck { .. } = term.law {
                 forward[term.joint] += parameter;
                 backward[term.joint] += parameter;
             }
         }
-        let mut shafts = [nothing; MAX_DOF];
+        let mut shafts = [[nothing; MAX_DOF]; 2];
         for (index, coupled) in robot.coupled().iter().enumerate() {
             // The motor rubs with the speed of its shaft in the place of that of its joint.
-            let coefficient = links.coupled[index][1].max(nothing);
-            shafts[index] = coefficient;
-            forward[coupled.motor] -= coefficient;
-            backward[coupled.motor] -= coefficient;
+            let [slow, dry] = links.coupled[index].map(|coefficient| coefficient.max(nothing));
+            (shafts[0][index], shafts[1][index]) = (slow, dry);
+            let m = coupled.motor;
+            forward[m] -= dry;
+            backward[m] -= dry;
+            for direction in &mut viscous {
+                direction[m] -= slow;
+            }
         }
         let mut steepness = [0.0; MAX_DOF];
         for (j, velocity) in friction.smoothing.iter().enumerate() {
             steepness[j] = 1.0 / velocity;
             (forward[j], backward[j]) = (forward[j].max(nothing), backward[j].max(nothing));
-            viscous[j] = if friction.asymmetric { slow[j].min(other[j]) } else { slow[j] }.max(nothing);
+            for direction in &mut viscous {
+                direction[j] = direction[j].max(nothing);
+            }
         }
         if let Some(followers) = robot.followers() {
             // Where a joint has one leader, its friction is that of the leader; of several the rest of the step takes it.
             let (mut along, mut against, mut slowing, mut steep) =
-                ([nothing; MAX_DOF], [nothing; MAX_DOF], [nothing; MAX_DOF], [0.0; MAX_DOF]);
+                ([nothing; MAX_DOF], [nothing; MAX_DOF], [[nothing; MAX_DOF]; 2], [0.0; MAX_DOF]);
             for j in 0..robot.n_joints() {
                 if let [(a, factor)] = *followers.leaders(j) {
                     let turned =
                         if factor > 0.0 { [forward[j], backward[j]] } else { [backward[j], forward[j]] };
                     along[a] += turned[0].scale(factor.abs());
                     against[a] += turned[1].scale(factor.abs());
-                    slowing[a] += viscous[j].scale(factor * factor);
+                    for direction in 0..2 {
+                        let own = if factor > 0.0 { direction } else { 1 - direction };
+                        slowing[direction][a] += viscous[own][j].scale(factor * factor);
+                    }
                     if Layout::of(robot).number(j) == a {
                         steep[a] = steepness[j];
                     }
@@ -104,33 +113,15 @@ impl<'a, V: Set> Steep<'a, V> {
         Self { forward, backward, viscous, steepness, coupled: robot.coupled(), shafts }
     }
 
-    /// Slope of a joint's friction at rest, the larger one of both directions (N.m.s/rad or N.s/m).
+    /// Slope of a joint's own Coulomb friction at rest, the larger one of both directions (N.m.s/rad or N.s/m).
     #[inline(always)]
     pub fn slope(&self, j: usize) -> Lanes<V> {
         self.forward[j].max(self.backward[j]).scale(self.steepness[j])
     }
 
-    /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`.
+    /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`; of Coulomb friction alone unless `SLOW`.
     #[inline(always)]
-    pub fn add(
-        &self,
-        n: usize,
-        w: f64,
-        dq: &PerJoint<V>,
-        tau: &mut PerJoint<V>,
-        matrix: &mut impl Square<Lanes<V>>,
-    ) {
-        for_joints!(j in n => {
-            let slope = self.viscous[j].scale(w);
-            tau[j] = slope.mul_add(dq[j], tau[j]);
-            matrix[j][j] += slope;
-        });
-        self.add_coulomb(n, w, dq, tau, matrix);
-    }
-
-    /// As [`Self::add`], of Coulomb friction alone.
-    #[inline(always)]
-    pub fn add_coulomb(
+    pub fn add<const SLOW: bool>(
         &self,
         n: usize,
         w: f64,
@@ -139,26 +130,38 @@ impl<'a, V: Set> Steep<'a, V> {
         matrix: &mut impl Square<Lanes<V>>,
     ) {
         let one = Lanes::splat(1.0);
+        let [ahead, back] = &self.viscous;
         for_joints!(j in n => {
             let s = dq[j].scale(self.steepness[j]).tanh();
             let coefficient = self.forward[j].or_where_not_above(self.backward[j], s).scale(w);
             tau[j] = coefficient.mul_add(s, tau[j]);
             let slope = coefficient.scale(self.steepness[j]);
             matrix[j][j] = slope.mul_add(s.neg_mul_add(s, one), matrix[j][j]);
+            if SLOW {
+                let slow = ahead[j].or_where_not_above(back[j], dq[j]).scale(w);
+                tau[j] = slow.mul_add(dq[j], tau[j]);
+                matrix[j][j] += slow;
+            }
         });
-        for (coupled, &coefficient) in self.coupled.iter().zip(&self.shafts) {
+        for (index, coupled) in self.coupled.iter().enumerate() {
             let m = coupled.motor;
             let mut speed = dq[m];
             for &(i, c) in &coupled.others {
                 speed = dq[i].mul_add(Lanes::splat(c), speed);
             }
             let s = speed.scale(self.steepness[m]).tanh();
-            let coefficient = coefficient.scale(w);
-            let slope = coefficient.scale(self.steepness[m]) * s.neg_mul_add(s, one);
-            tau[m] = coefficient.mul_add(s, tau[m]);
+            let coefficient = self.shafts[1][index].scale(w);
+            let mut torque = coefficient * s;
+            let mut slope = coefficient.scale(self.steepness[m]) * s.neg_mul_add(s, one);
+            if SLOW {
+                let slow = self.shafts[0][index].scale(w);
+                torque = slow.mul_add(speed, torque);
+                slope += slow;
+            }
+            tau[m] += torque;
             matrix[m][m] += slope;
             for (k, &(i, c)) in coupled.others.iter().enumerate() {
-                tau[i] = coefficient.scale(c).mul_add(s, tau[i]);
+                tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
                 matrix[i][i] += slope.scale(c * c);
                 matrix[m.max(i)][m.min(i)] += slope.scale(c);
                 for &(other, factor) in &coupled.others[..k] {
@@ -192,16 +195,16 @@ mod tests {
         for (j, [forward, backward]) in [[1.0, 0.3], [0.8, 2.0], [3.0, 2.5]].into_iter().enumerate() {
             let first = layout.joint(j) + crate::robot::parameters::FRICTION;
             (x[first + 1], x[first + 3]) = (forward, backward);
-            (x[first], x[first + 2]) = (0.4, 0.4);
+            (x[first], x[first + 2]) = if j < 2 { (0.4, 0.1) } else { (0.9, 0.9) };
         }
-        x[layout.coupled(0) + 1] = 1.5;
+        (x[layout.coupled(0)], x[layout.coupled(0) + 1]) = (0.6, 1.5);
         let links = Links::<Plain<1>>::of_one(&robot, robot.geometry(), &x);
         let steep = Steep::of(&robot, &links);
         let zero = [Lanes::zero(); MAX_DOF];
         let at = |dq: [f64; 3], matrix: &mut <Any as Arm>::Square<_>| {
             let (mut speeds, mut tau) = (zero, zero);
             speeds[..3].copy_from_slice(&dq.map(Lanes::splat));
-            steep.add(3, 0.7, &speeds, &mut tau, matrix);
+            steep.add::<true>(3, 0.7, &speeds, &mut tau, matrix);
             [0, 1, 2].map(|j: usize| tau[j].lane(0) / 0.7)
         };
         for dq in [[0.1, -0.2, 0.3], [-0.3, 0.05, -0.1], [0.02, 0.2, -0.4]] {

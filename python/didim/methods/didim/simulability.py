@@ -132,7 +132,8 @@ def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tupl
         return float(step if step == cap else 2.0 ** (np.floor(4.0 * np.log2(step)) / 4.0))
 
     coarse = below(STEP if settings.step_s is None else settings.step_s, slow)
-    if settings.integrator == "imex":  # Coulomb friction does not require a step
+    # Coulomb friction does not require a step; viscous friction does not either, but `slow` has it with all else that is smooth.
+    if settings.integrator == "imex":
         fast = np.full(fast.shape, slow)
     default = coarse if settings.integrator == "imex" else FINE_STEP
     fine = default if settings.fine_step_s is None else settings.fine_step_s

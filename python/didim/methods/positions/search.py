@@ -58,8 +58,8 @@ class Search:
         One per accepted step.
     fresh : bool
         Whether the derivatives were simulated there; otherwise they are those of a point before, corrected by the errors since.
-    both : bool
-        Whether they are the means of differences to both sides.
+    other : list of array, optional
+        The derivatives by differences to the other side, where `blocks` are the means of both.
     """
 
     problem: Problem
@@ -72,7 +72,7 @@ class Search:
     status: Status = Status.NOT_CONVERGED
     history: list[Iteration] = field(default_factory=list)
     fresh: bool = True
-    both: bool = False
+    other: list[Array] | None = None
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -89,12 +89,15 @@ class Search:
         """Sum of squares of the errors alone."""
         return sum(float(e @ e) for e in self.errors)
 
-    def normal(self, errors: Sequence[Array] | None = None) -> tuple[Array, Array]:
-        """Return the normal matrix ``J^T J``, and the gradient ``J^T e`` of its own or other errors, of all rollouts."""
+    def normal(
+        self, errors: Sequence[Array] | None = None, blocks: Sequence[Array] | None = None
+    ) -> tuple[Array, Array]:
+        """Return the normal matrix ``J^T J`` and the gradient ``J^T e`` of all rollouts, of own or other errors and derivatives."""
         count = len(self.theta)
         a, b = np.zeros((count, count)), np.zeros(count)
         own_errors = self.errors if errors is None else errors
-        for rollout, e, g in zip(self.problem.rollouts, own_errors, self.blocks, strict=True):
+        own_blocks = self.blocks if blocks is None else blocks
+        for rollout, e, g in zip(self.problem.rollouts, own_errors, own_blocks, strict=True):
             own = self.problem.own(rollout)
             a[np.ix_(own, own)] += g.T @ g
             b[own] += g.T @ e
@@ -106,23 +109,21 @@ class Search:
         With the steps of all candidates a simulation may fail that the errors alone do not, at the edge of what can be simulated.
         """
         errors, blocks = self.problem.derivatives(self.theta)
-        self.fresh, self.both = True, False
+        self.fresh, self.other = True, None
         if all(np.isfinite(e).all() for e in errors):
             self.errors, self.blocks = errors, blocks
             self.cost = _cost(self, errors, self.theta)
 
     def look_back(self) -> None:
-        """Take the means of the derivatives, simulated to one side, and those to the other."""
+        """Take the means of the derivatives, simulated to one side, and those to the other, and keep these too."""
         errors, blocks = self.problem.derivatives(self.theta, side=-1.0)
-        self.both = True
+        self.other = self.blocks
         if all(np.isfinite(e).all() for e in errors):
+            self.other = blocks
             self.blocks = [(a + b) / 2.0 for a, b in zip(self.blocks, blocks, strict=True)]
 
     def learn(self, step: Array, errors: Sequence[Array], squares: Array) -> None:
-        """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns.
-
-        It may be one that is not taken: the slope along it is better known then.
-        """
+        """Correct the derivatives by the errors after a step, as Broyden (1965) does; `squares` are squared lengths of columns."""
         blocks = []
         for rollout, e, before, j in zip(
             self.problem.rollouts, errors, self.errors, self.blocks, strict=True
@@ -131,7 +132,7 @@ class Search:
             s, weight = step[own], squares[own] * step[own]
             size = float(s @ weight)
             blocks.append(j + np.outer(e - before - j @ s, weight / size) if size > 0.0 else j)
-        self.blocks, self.fresh, self.both = blocks, False, False
+        self.blocks, self.fresh, self.other = blocks, False, None
 
     def blocks_in(self, problem: Problem) -> list[Array] | None:
         """Return the derivatives in the rows of a problem of the same unknowns; None unless all of its rows are there."""
@@ -252,13 +253,14 @@ def _search_between_kinks(
     """Search where the errors have kinks, until the best of steps of many lengths brings less than `tolerance`.
 
     Where a joint sticks changes with each parameter, so that a step may be refused and a shorter one bring little, and the cost
-    still have far to fall. Steps of all dampings are lanes of one batch, and the best is taken; where it brings little, the longest
-    of them corrects the derivatives, and others are tried.
+    still have far to fall. Steps of all dampings are lanes of one batch, and the best is taken. Where it brings little, derivatives
+    are simulated anew, then to the other side, and steps by these and by the means are tried: kinks spoil one more than another.
     """
     problem, done = now.problem, len(now.history)
     while len(now.history) < done + most:
         a, b = now.normal()
-        steps = np.array([bounded_step(now, a, b, damping) for damping in DAMPINGS])
+        models = [(a, b)] if now.other is None else [(a, b), now.normal(blocks=now.other)]
+        steps = np.array([bounded_step(now, *model, damping) for model in models for damping in DAMPINGS])
         # The steps of a simulation depend on its candidates, and errors with kinks on these: so the point itself is the first,
         # and the best counts by its own.
         trials = np.clip(np.vstack([now.theta, now.theta + steps]), *problem.bounds)
@@ -277,7 +279,7 @@ def _search_between_kinks(
             ran[best] = np.isfinite(costs[best])
         fall = now.cost - costs[best]
         taken = taken and bool(fall > tolerance * now.cost)
-        if not (taken or (now.fresh and now.both)):
+        if not (taken or (now.fresh and now.other is not None)):
             if now.fresh:
                 now.look_back()
             else:
@@ -290,7 +292,7 @@ def _search_between_kinks(
             now.theta, now.errors, now.cost = trials[best], tried[best], float(costs[best])
             if not learns:
                 now.renew()
-        if _stopped(now, before, a, float(DAMPINGS[max(best, 1) - 1]), reporter):
+        if _stopped(now, before, a, float(DAMPINGS[(max(best, 1) - 1) % len(DAMPINGS)]), reporter):
             return now
         if not taken:
             moved = ran.any() or len(now.history) > done + 1
