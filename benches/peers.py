@@ -1,12 +1,16 @@
 """Speed beside other programs in one run, on the same TX40.
 
     python benches/peers.py [--json FILE] [--data FOLDER]
+    python benches/peers.py --arm FOLDER
 
 needs ``pip install --group peers`` and gcc; what is absent is left out, and said. FOLDER holds the CSV files of the measured TX40
 (examples/tx40_log.toml). Before anything is timed, each peer must compute what ours computes. Then every round measures each
 contestant once, so that a machine that slows down slows all of them. The ratios are what to look at, of the smallest times and
 of the medians: on a busy machine the first say more, and they are held against what is wanted. Peers have links and rotors;
 ours has the friction and the coupled wrist as well. What else differs stands in the peer's file in ``benches/peer/``.
+
+The second prints how well motions of a real hobby arm are met that neither program was fitted on, and what the fits took; each is
+a subfolder with state_motor.csv and control.csv, beside so101_new_calib.xml.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from peer import (
     against_mujoco,
     against_pinocchio,
     against_scipy,
+    hobby_arm,
     ours,
     whole_runs,
 )
@@ -53,6 +58,9 @@ def main() -> int:
         "--data", metavar="FOLDER", type=Path, help="where the CSV files of the measured TX40 are"
     )
     parser.add_argument(
+        "--arm", metavar="FOLDER", type=Path, help="motions of an SO-101; nothing else is measured"
+    )
+    parser.add_argument(
         "--rounds", type=int, default=ROUNDS, help="rounds of short calls (default: %(default)s)"
     )
     parser.add_argument("--quick", action="store_true", help="one round, and no run that takes seconds")
@@ -62,6 +70,11 @@ def main() -> int:
     for name in ("motor_position.csv", "motor_torque.csv"):
         if arguments.data is not None and not (arguments.data / name).is_file():
             parser.error(f"--data: there is no {name} in {arguments.data}")
+    if arguments.arm is not None:
+        if not (arguments.arm / hobby_arm.FILE).is_file():
+            parser.error(f"--arm: there is no {hobby_arm.FILE} in {arguments.arm}")
+        hobby_arm.tell(arguments.arm)
+        return 0
     try:
         found, versions, skipped = contestants(arguments.data, arguments.rounds, quick=arguments.quick)
     except DisagreementError as reason:

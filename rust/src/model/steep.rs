@@ -71,7 +71,7 @@ impl<'a, V: Set> Steep<'a, V> {
         }
         let mut shafts = [[nothing; MAX_DOF]; 2];
         for (index, coupled) in robot.coupled().iter().enumerate() {
-            // The motor rubs with the speed of its shaft in the place of that of its joint.
+            // The motor rubs with the speed of its shaft in the place of those of the joints whose coefficients contain it.
             let [slow, dry] = links.coupled[index].map(|coefficient| coefficient.max(nothing));
             (shafts[0][index], shafts[1][index]) = (slow, dry);
             let m = coupled.motor;
@@ -79,6 +79,9 @@ impl<'a, V: Set> Steep<'a, V> {
             backward[m] -= dry;
             for direction in &mut viscous {
                 direction[m] -= slow;
+                for &(i, c) in &coupled.others {
+                    direction[i] = slow.neg_mul_add(Lanes::splat(c * c), direction[i]);
+                }
             }
         }
         let mut steepness = [0.0; MAX_DOF];
@@ -195,7 +198,7 @@ mod tests {
         for (j, [forward, backward]) in [[1.0, 0.3], [0.8, 2.0], [3.0, 2.5]].into_iter().enumerate() {
             let first = layout.joint(j) + crate::robot::parameters::FRICTION;
             (x[first + 1], x[first + 3]) = (forward, backward);
-            (x[first], x[first + 2]) = if j < 2 { (0.4, 0.1) } else { (0.9, 0.9) };
+            (x[first], x[first + 2]) = if j < 2 { (0.4, 0.2) } else { (0.9, 0.9) };
         }
         (x[layout.coupled(0)], x[layout.coupled(0) + 1]) = (0.6, 1.5);
         let links = Links::<Plain<1>>::of_one(&robot, robot.geometry(), &x);
