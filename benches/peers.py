@@ -73,7 +73,11 @@ def main() -> int:
     if arguments.arm is not None:
         if not (arguments.arm / hobby_arm.FILE).is_file():
             parser.error(f"--arm: there is no {hobby_arm.FILE} in {arguments.arm}")
-        hobby_arm.tell(arguments.arm)
+        try:
+            hobby_arm.tell(arguments.arm)
+        except MissingError as reason:
+            print(f"peers.py: {reason}", file=sys.stderr)
+            return 1
         return 0
     try:
         found, versions, skipped = contestants(arguments.data, arguments.rounds, quick=arguments.quick)

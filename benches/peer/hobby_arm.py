@@ -11,7 +11,7 @@ import contextlib
 import copy
 import io
 import tempfile
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 import didim
 from didim.cli.main import main as command
-from didim.methods.positions.replay import Replay, replayed
+from didim.methods.positions.problem import left_out
+from didim.methods.positions.replay import position_errors, replayed
 
 from .timing import MissingError
 
@@ -36,8 +37,8 @@ STEPS = 4
 """Steps of the peer in a sample of 20 ms."""
 MOST = (0.2, 5.0, 2.0, 60.0)
 """Upper bounds of its armatures, dampings, friction losses and gains; lower ones are zero, of gains 5."""
-LEFT_OUT_S = 0.5
 ITERATIONS = 30
+"""Upper bound of its iterations."""
 
 
 def tell(folder: Path) -> None:
@@ -59,7 +60,8 @@ def tell(folder: Path) -> None:
         ours = process_time() - clock
         replays = [replayed(fit, other) for other in others]
     arm = Rollouts(mujoco, rollout, folder / FILE)
-    start = np.repeat([0.028, 0.6, 0.052, KP], 5)
+    file = arm.model.dof_armature, arm.model.dof_damping, arm.model.dof_frictionloss, np.full(6, KP)
+    start = np.concatenate([values[:5] for values in file])
     low, high = np.repeat([0.0, 0.0, 0.0, 5.0], 5), np.repeat(MOST, 5)
     clock = process_time()
     found, _ = minimize.least_squares(
@@ -70,31 +72,23 @@ def tell(folder: Path) -> None:
         max_iter=ITERATIONS,
         verbose=minimize.Verbosity.SILENT,
     )
-    theirs = process_time() - clock
-    own = np.array([rms([replay.simulated for replay in some], some) for some in replays])
-    peer = np.array(
-        [
-            rms([one[0] for one in arm.simulated(other, found.reshape(-1, 1))], some)
-            for other, some in zip(others, replays, strict=True)
-        ]
-    )
+    theirs, runs = process_time() - clock, arm.runs
+    own: list[list[float]] = []
+    peer: list[list[float]] = []
+    for other, some in zip(others, replays, strict=True):
+        positions = arm.simulated(other, found.reshape(-1, 1))
+        own += position_errors(some).values()
+        peer += position_errors(
+            [replace(replay, simulated=q[0]) for replay, q in zip(some, positions, strict=True)]
+        ).values()
     for title, errors, seconds in (("didim", own, ours), ("mujoco.minimize.least_squares", peer, theirs)):
         print(
-            f"{title}: held out over {len(others)} motions {np.median(errors):.1f} mrad in the median, 90 % below "
-            f"{np.percentile(errors, 90):.1f}; {seconds:.0f} processor seconds"
+            f"{title}: held out over {len(others)} motions {1e3 * np.median(errors):.1f} mrad in the median, 90 % below "
+            f"{1e3 * np.percentile(errors, 90):.1f}; {seconds:.0f} processor seconds"
         )
     print(
-        f"{arm.runs} simulations of the peer, {fit.n_simulations} of ours; didim / MuJoCo: {ours / theirs:.2f} of the time"
+        f"{runs} simulations of the peer, {fit.n_simulations} of ours; didim / MuJoCo: {ours / theirs:.2f} of the time"
     )
-
-
-def rms(simulated: Sequence[Array], replays: Sequence[Replay]) -> Array:
-    """Return the rms errors of the joints (mrad) of a motion, (5,), in the samples that are compared."""
-    squares, count = np.zeros(5), np.zeros(5)
-    for q, replay in zip(simulated, replays, strict=True):
-        squares += np.sum(np.where(replay.compared, q - replay.measured, 0.0) ** 2, axis=0)
-        count += replay.compared.sum(axis=0)
-    return np.asarray(1e3 * np.sqrt(squares / count))
 
 
 def experiment(folder: Path, place: Path, *motions: str) -> didim.Experiment:
@@ -141,15 +135,15 @@ class Rollouts:
 
     def errors(self, experiment: didim.Experiment, thetas: Array) -> Array:
         """Return errors of candidates (rad), (n_rows, n_candidates)."""
-        measured = [
-            (recording.measured_positions()[first:last], round(LEFT_OUT_S * recording.rate_hz))
+        windows = [
+            (recording.measured_positions()[first:last], left_out(last - first, recording.rate_hz))
             for recording in experiment.recordings
             for first, last in recording.windows
         ]
         return np.concatenate(
             [
                 (simulated - q)[:, begin:].reshape(len(simulated), -1).T
-                for simulated, (q, begin) in zip(self.simulated(experiment, thetas), measured, strict=True)
+                for simulated, (q, begin) in zip(self.simulated(experiment, thetas), windows, strict=True)
             ]
         )
 

@@ -129,8 +129,8 @@ def simulate(  # many parameters: the public keywords of the page on the API
         State of the controller at time 0: integrators and delayed outputs. By default each candidate begins in static balance.
         An experiment begins with the state of its log, if this has torques.
     integrator : {"rk4", "imex"}
-        The classical Runge-Kutta method, or a third-order method that treats Coulomb and viscous friction implicitly, which then
-        limit the step no more; `fine_step` is then `step` by default.
+        The classical Runge-Kutta method, or a third-order method that treats Coulomb and viscous friction implicitly, so that
+        neither limits the step; `fine_step` is then `step` by default.
     threads : int, optional
         All cores by default; the result has the same bits for any number.
     check : bool, optional

@@ -19,10 +19,8 @@ type PerJoint<V> = [Lanes<V>; MAX_DOF];
 /// Coulomb and viscous friction of candidates.
 #[derive(Debug, Clone, Copy)]
 pub struct Steep<'a, V: Set> {
-    /// Coefficients of the joints (N.m or N), forwards and backwards.
-    forward: PerJoint<V>,
-    backward: PerJoint<V>,
-    /// Viscous coefficients of the joints (N.m.s/rad or N.s/m), forwards and backwards.
+    /// Coulomb (N.m or N) and viscous (N.m.s/rad or N.s/m) coefficients of the joints, forwards and backwards.
+    coulomb: [PerJoint<V>; 2],
     viscous: [PerJoint<V>; 2],
     /// Reciprocals of the smoothing velocities.
     pub steepness: [f64; MAX_DOF],
@@ -60,13 +58,14 @@ impl<'a, V: Set> Steep<'a, V> {
     pub fn of(robot: &'a Robot, links: &Links<V>) -> Self {
         let nothing = Lanes::zero();
         let friction = robot.friction();
-        let [slow, first, other, second] = &links.friction;
-        let (mut forward, mut backward) = (*first, if friction.asymmetric { *second } else { *first });
-        let mut viscous = [*slow, if friction.asymmetric { *other } else { *slow }];
+        let [slow, dry, slow_back, dry_back] = &links.friction;
+        let [slow_back, dry_back] = if friction.asymmetric { [slow_back, dry_back] } else { [slow, dry] };
+        let (mut coulomb, mut viscous) = ([*dry, *dry_back], [*slow, *slow_back]);
         for (term, &parameter) in friction.terms.iter().zip(&links.terms) {
             if let Law::Stribeck { .. } = term.law {
-                forward[term.joint] += parameter;
-                backward[term.joint] += parameter;
+                for direction in &mut coulomb {
+                    direction[term.joint] += parameter;
+                }
             }
         }
         let mut shafts = [[nothing; MAX_DOF]; 2];
@@ -74,52 +73,46 @@ impl<'a, V: Set> Steep<'a, V> {
             // The motor rubs with the speed of its shaft in the place of those of the joints whose coefficients contain it.
             let [slow, dry] = links.coupled[index].map(|coefficient| coefficient.max(nothing));
             (shafts[0][index], shafts[1][index]) = (slow, dry);
-            let m = coupled.motor;
-            forward[m] -= dry;
-            backward[m] -= dry;
-            for direction in &mut viscous {
-                direction[m] -= slow;
+            for direction in 0..2 {
+                coulomb[direction][coupled.motor] -= dry;
+                viscous[direction][coupled.motor] -= slow;
                 for &(i, c) in &coupled.others {
-                    direction[i] = slow.neg_mul_add(Lanes::splat(c * c), direction[i]);
+                    viscous[direction][i] = slow.neg_mul_add(Lanes::splat(c * c), viscous[direction][i]);
                 }
             }
         }
         let mut steepness = [0.0; MAX_DOF];
         for (j, velocity) in friction.smoothing.iter().enumerate() {
             steepness[j] = 1.0 / velocity;
-            (forward[j], backward[j]) = (forward[j].max(nothing), backward[j].max(nothing));
-            for direction in &mut viscous {
+            for direction in coulomb.iter_mut().chain(&mut viscous) {
                 direction[j] = direction[j].max(nothing);
             }
         }
         if let Some(followers) = robot.followers() {
             // Where a joint has one leader, its friction is that of the leader; of several the rest of the step takes it.
-            let (mut along, mut against, mut slowing, mut steep) =
-                ([nothing; MAX_DOF], [nothing; MAX_DOF], [[nothing; MAX_DOF]; 2], [0.0; MAX_DOF]);
+            let (mut dry, mut slow, mut steep) =
+                ([[nothing; MAX_DOF]; 2], [[nothing; MAX_DOF]; 2], [0.0; MAX_DOF]);
             for j in 0..robot.n_joints() {
                 if let [(a, factor)] = *followers.leaders(j) {
-                    let turned =
-                        if factor > 0.0 { [forward[j], backward[j]] } else { [backward[j], forward[j]] };
-                    along[a] += turned[0].scale(factor.abs());
-                    against[a] += turned[1].scale(factor.abs());
                     for direction in 0..2 {
                         let own = if factor > 0.0 { direction } else { 1 - direction };
-                        slowing[direction][a] += viscous[own][j].scale(factor * factor);
+                        dry[direction][a] += coulomb[own][j].scale(factor.abs());
+                        slow[direction][a] += viscous[own][j].scale(factor * factor);
                     }
                     if Layout::of(robot).number(j) == a {
                         steep[a] = steepness[j];
                     }
                 }
             }
-            (forward, backward, viscous, steepness) = (along, against, slowing, steep);
+            (coulomb, viscous, steepness) = (dry, slow, steep);
         }
-        Self { forward, backward, viscous, steepness, coupled: robot.coupled(), shafts }
+        Self { coulomb, viscous, steepness, coupled: robot.coupled(), shafts }
     }
 
     /// Slope of a joint's own Coulomb friction at rest, the larger one of both directions (N.m.s/rad or N.s/m).
     #[inline(always)]
     pub fn slope(&self, j: usize) -> Lanes<V> {
-        self.forward[j].max(self.backward[j]).scale(self.steepness[j])
+        self.coulomb[0][j].max(self.coulomb[1][j]).scale(self.steepness[j])
     }
 
     /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`; of Coulomb friction alone unless `SLOW`.
@@ -133,17 +126,17 @@ impl<'a, V: Set> Steep<'a, V> {
         matrix: &mut impl Square<Lanes<V>>,
     ) {
         let one = Lanes::splat(1.0);
-        let [ahead, back] = &self.viscous;
+        let ([dry, dry_back], [slow, slow_back]) = (&self.coulomb, &self.viscous);
         for_joints!(j in n => {
             let s = dq[j].scale(self.steepness[j]).tanh();
-            let coefficient = self.forward[j].or_where_not_above(self.backward[j], s).scale(w);
+            let coefficient = dry[j].or_where_not_above(dry_back[j], s).scale(w);
             tau[j] = coefficient.mul_add(s, tau[j]);
             let slope = coefficient.scale(self.steepness[j]);
             matrix[j][j] = slope.mul_add(s.neg_mul_add(s, one), matrix[j][j]);
             if SLOW {
-                let slow = ahead[j].or_where_not_above(back[j], dq[j]).scale(w);
-                tau[j] = slow.mul_add(dq[j], tau[j]);
-                matrix[j][j] += slow;
+                let coefficient = slow[j].or_where_not_above(slow_back[j], dq[j]).scale(w);
+                tau[j] = coefficient.mul_add(dq[j], tau[j]);
+                matrix[j][j] += coefficient;
             }
         });
         for (index, coupled) in self.coupled.iter().enumerate() {
@@ -157,9 +150,9 @@ impl<'a, V: Set> Steep<'a, V> {
             let mut torque = coefficient * s;
             let mut slope = coefficient.scale(self.steepness[m]) * s.neg_mul_add(s, one);
             if SLOW {
-                let slow = self.shafts[0][index].scale(w);
-                torque = slow.mul_add(speed, torque);
-                slope += slow;
+                let coefficient = self.shafts[0][index].scale(w);
+                torque = coefficient.mul_add(speed, torque);
+                slope += coefficient;
             }
             tau[m] += torque;
             matrix[m][m] += slope;

@@ -38,7 +38,8 @@ STEP_S, FINE_STEP_S = 2e-3, 5e-4
 """Steps (s) of the simulation, and near velocity zero, by default."""
 STRIDE = 100.0
 """Steps of a difference with friction that sticks, whose errors have kinks within fewer. On an SO-101, which chose it, searches
-with 30 to one side ended at 2.0 to 2.8 rad^2 by rounding alone, with 100 to both sides at 1.82 to 1.86."""
+with 30 to one side ended at 2.0 to 2.8 rad^2 by rounding alone. With 100 to both sides they end at 1.82 to 1.86; at 2.0 to 2.3 with
+other rules beside bounds than the one of `derivatives`, so minima are still near to each other."""
 LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
 """Time (s) at the start of a rollout that is not compared, for its initial velocity is a guess; at most this share of it."""
 START_S = 0.02
@@ -259,10 +260,9 @@ class Problem:
             "bias_rad": 0.1,
             **dict(zip(SOFT, SOFTNESS, strict=True)),
         }
-        share = 1e-3
         # A set-point that commands leave behind turns at their samples, and where it turns jumps with its acceleration.
-        sizes[ACCELERATION] = 3e-2 / share * self.values.drive.get(ACCELERATION, np.ones(n))
-        return {kind: np.broadcast_to(share * size, n) for kind, size in sizes.items()}
+        sizes[ACCELERATION] = 30.0 * self.values.drive.get(ACCELERATION, np.ones(n))
+        return {kind: np.broadcast_to(1e-3 * size, n) for kind, size in sizes.items()}
 
     @property
     def n_simulations(self) -> int:
@@ -404,19 +404,19 @@ class Problem:
         little room.
         """
         low, high = self.bounds
+        many = [STRIDE if self.sticks and column.kind != ACCELERATION else 1.0 for column in self.columns]
+        wanted = np.array([column.step for column in self.columns]) * many
+        up, down = np.minimum(high - theta, wanted), np.minimum(theta - low, wanted)
+        ahead, behind = (up, down) if side > 0.0 else (down, up)
+        # Differences are shorter beside a bound, and away from it where it leaves less than a fourth.
+        turned = (ahead < 0.25 * wanted) & (behind > ahead)
+        differences = side * np.where(turned, -behind, ahead)
+        differences = np.where(differences == 0.0, side * wanted, differences)
         errors, blocks = [], []
         for rollout in self.rollouts:
             own = self.own(rollout)
             own = own[own >= first]
-            columns = [self.columns[k] for k in own]
-            many = [STRIDE if self.sticks and column.kind != ACCELERATION else 1.0 for column in columns]
-            wanted = np.array([column.step for column in columns]) * many
-            up, down = (np.minimum(room, wanted) for room in ((high - theta)[own], (theta - low)[own]))
-            ahead, behind = (up, down) if side > 0.0 else (down, up)
-            # Differences are shorter beside a bound, and to its other side where it leaves less than a fourth.
-            turned = (ahead < 0.25 * wanted) & (behind > ahead)
-            steps = side * np.where(turned, -behind, ahead)
-            steps = np.where(steps == 0.0, side * wanted, steps)
+            steps = differences[own]
             thetas = np.tile(theta, (1 + len(own), 1))
             thetas[1 + np.arange(len(own)), own] += steps
             q, completed = self.positions(rollout, thetas)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,8 @@ class Search:
     fresh : bool
         Whether the derivatives were simulated there; otherwise they are those of a point before, corrected by the errors since.
     other : list of array, optional
-        The derivatives by differences to the other side, where `blocks` are the means of both.
+        The derivatives by differences to the other side, once they are simulated; `blocks` are then the means of both. The same as
+        `blocks` where the other side cannot be simulated.
     """
 
     problem: Problem
@@ -89,15 +90,12 @@ class Search:
         """Sum of squares of the errors alone."""
         return sum(float(e @ e) for e in self.errors)
 
-    def normal(
-        self, errors: Sequence[Array] | None = None, blocks: Sequence[Array] | None = None
-    ) -> tuple[Array, Array]:
-        """Return the normal matrix ``J^T J`` and the gradient ``J^T e`` of all rollouts, of own or other errors and derivatives."""
+    def normal(self, errors: Sequence[Array] | None = None) -> tuple[Array, Array]:
+        """Return the normal matrix ``J^T J``, and the gradient ``J^T e`` of its own or other errors, of all rollouts."""
         count = len(self.theta)
         a, b = np.zeros((count, count)), np.zeros(count)
         own_errors = self.errors if errors is None else errors
-        own_blocks = self.blocks if blocks is None else blocks
-        for rollout, e, g in zip(self.problem.rollouts, own_errors, own_blocks, strict=True):
+        for rollout, e, g in zip(self.problem.rollouts, own_errors, self.blocks, strict=True):
             own = self.problem.own(rollout)
             a[np.ix_(own, own)] += g.T @ g
             b[own] += g.T @ e
@@ -115,7 +113,7 @@ class Search:
             self.cost = _cost(self, errors, self.theta)
 
     def look_back(self) -> None:
-        """Take the means of the derivatives, simulated to one side, and those to the other, and keep these too."""
+        """Simulate the derivatives to the other side, and take the means of both in place of those to one."""
         errors, blocks = self.problem.derivatives(self.theta, side=-1.0)
         self.other = self.blocks
         if all(np.isfinite(e).all() for e in errors):
@@ -254,12 +252,13 @@ def _search_between_kinks(
 
     Where a joint sticks changes with each parameter, so that a step may be refused and a shorter one bring little, and the cost
     still have far to fall. Steps of all dampings are lanes of one batch, and the best is taken. Where it brings little, derivatives
-    are simulated anew, then to the other side, and steps by these and by the means are tried: kinks spoil one more than another.
+    are simulated anew, and then to the other side too: kinks spoil one side more than the other, so that steps by the other side
+    and steps by the means of both are tried.
     """
     problem, done = now.problem, len(now.history)
     while len(now.history) < done + most:
         a, b = now.normal()
-        models = [(a, b)] if now.other is None else [(a, b), now.normal(blocks=now.other)]
+        models = [(a, b)] if now.other is None else [(a, b), replace(now, blocks=now.other).normal()]
         steps = np.array([bounded_step(now, *model, damping) for model in models for damping in DAMPINGS])
         # The steps of a simulation depend on its candidates, and errors with kinks on these: so the point itself is the first,
         # and the best counts by its own.
