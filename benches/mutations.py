@@ -451,8 +451,8 @@ RUST = (
     Mutation(
         "what is taken implicitly is the friction of the other direction",
         "rust/src/model/steep.rs",
-        "self.forward[j].or_where_not_above(self.backward[j], s)",
-        "self.backward[j].or_where_not_above(self.forward[j], s)",
+        "dry[j].or_where_not_above(dry_back[j], s)",
+        "dry_back[j].or_where_not_above(dry[j], s)",
         "",
     ),
     Mutation(
